@@ -43,6 +43,7 @@ import signal
 import socket
 import struct
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -219,24 +220,42 @@ def _hash(text):
     return value
 
 
+# Whether SIGINT or SIGTERM has come. It is one for the whole program: each publisher ends with it.
+_end = threading.Event()
+
+
+def _ended():
+    return _end.is_set()
+
+
+def _on_signal(*_):
+    _end.set()
+
+
+def _watch_signals():
+    """Installs the handler. Python accepts one from the main thread only; elsewhere the program's own stays."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, _on_signal)
+
+
 class Sensor:
     """Publishes samples of one type on `sensor/NAME`."""
 
     def __init__(self, name, message, domain=None, gateway=None, rate_hz=None, shared_memory=False):
         """`rate_hz`: samples per second, if known; in shared memory it limits the buffer of the channel."""
-        self._message, self._ended = message, False
-        self._kinds = dict(message._fields_)
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._end)
+        self._message, self._kinds = message, dict(message._fields_)
+        _watch_signals()
         if shared_memory or "--shared-memory" in sys.argv[1:]:
             self._way = _SharedMemory(name, message, domain, rate_hz)
         else:
             self._way = _Gateway(name, message, domain, gateway)
 
     def running(self):
-        """False after SIGINT or SIGTERM."""
+        """False after SIGINT or SIGTERM, for every sensor of the program. A sensor made in the main thread installs the
+        handler; a program whose sensors are all made in other threads handles the signals itself."""
         self._way.look()
-        return not self._ended
+        return not _ended()
 
     def send(self, stamp_ns=None, **fields):
         """Publishes one sample; returns False while no robot or no gateway takes it.
@@ -266,9 +285,6 @@ class Sensor:
                 _fill(row, values, name)
         else:
             _fill(getattr(sample, name), value, name)
-
-    def _end(self, *_):
-        self._ended = True
 
     def __enter__(self):
         return self

@@ -82,6 +82,25 @@ fn a_new_sensor_in_rust_is_the_tested_template_under_its_name_and_nothing_is_ove
     assert!(!folder.path().join("soil").exists());
 }
 
+/// Runs a script of `tests/python` with the folder of the package; it checks by itself.
+fn checks(script: &str, args: &[&str]) {
+    let output = Command::new(python())
+        .arg(project().join("tests/python").join(script))
+        .arg(project().join("scripts/python"))
+        .args(args)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn a_signal_ends_every_publisher_of_a_program() {
+    let folder = tempfile::tempdir().unwrap();
+    for signal in ["SIGINT", "SIGTERM"] {
+        checks("check_signals.py", &[folder.path().to_str().unwrap(), signal]);
+    }
+}
+
 #[test]
 fn the_template_is_recorded_whole_under_its_own_field_names() {
     let (domain, folder) = (Domain::for_test(), tempfile::tempdir().unwrap());

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-import signal
 import struct
 import time
 from collections.abc import Sequence
@@ -140,15 +139,14 @@ class _Blobs:
     def __init__(self, name: str, *, most_bytes: int, rate_hz: float, frame: str = "node", domain: str | None = None) -> None:
         """`most_bytes`: size of the largest content, for which memory is reserved; `rate_hz`: messages per second at
         most; `frame`: in which frame the content is."""
-        self._ended, self._frame, self._most_bytes = False, frame, most_bytes
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._end)
+        self._frame, self._most_bytes = frame, most_bytes
+        nims_sensor._watch_signals()
         self._way = _Memory(name, self.MESSAGE, most_bytes + AROUND_BYTES, rate_hz, domain)
 
     def running(self) -> bool:
-        """False after SIGINT or SIGTERM."""
+        """False after SIGINT or SIGTERM, for every publisher of the program, as with `nims_sensor.Sensor`."""
         self._way.look()
-        return not self._ended
+        return not nims_sensor._ended()
 
     def _begin(self, taken_ns: int) -> _Cdr:
         cdr = _Cdr()
@@ -168,9 +166,6 @@ class _Blobs:
         if size > self._most_bytes or size == 0:
             raise nims_sensor.SensorError(f"`{self._way.channel}` has a content of {size} bytes; accepted: 1 to {self._most_bytes}, its most_bytes")
         self._way.publish(bytes(cdr.body), taken_ns)
-
-    def _end(self, *_: object) -> None:
-        self._ended = True
 
     def close(self) -> None:
         """Ends the publisher; the channel stays while others have it open."""
