@@ -102,6 +102,11 @@ fn a_signal_ends_every_publisher_of_a_program() {
 }
 
 #[test]
+fn the_bridge_to_ros_2_outlives_the_gateway_and_publishes_nothing_after_its_end() {
+    checks("check_bridge.py", &[]);
+}
+
+#[test]
 fn the_template_is_recorded_whole_under_its_own_field_names() {
     let (domain, folder) = (Domain::for_test(), tempfile::tempdir().unwrap());
     let bus = Bus::join(&domain, "test").unwrap();
