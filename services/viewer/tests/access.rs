@@ -14,12 +14,28 @@ const STRANGER: u32 = 65533;
 
 /// A tool without packages, for any user who may run Python.
 fn look(user: u32, address: &str, port: &str, wanted: u32) -> Command {
+    let mut command = python(user, include_str!("look.py"));
+    command.args([address, port, &wanted.to_string()]);
+    command
+}
+
+fn python(user: u32, program: &str) -> Command {
     let mut command = Command::new("setpriv");
     command.args([format!("--reuid={user}"), format!("--regid={user}"), "--clear-groups".to_owned()]);
-    command.args(["--", "/usr/bin/python3", "-c", include_str!("look.py"), address, port, &wanted.to_string()]);
+    command.args(["--", "/usr/bin/python3", "-c", program]);
     command.current_dir("/").stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }
+
+/// Connects, sends nothing, and writes what it receives.
+const LISTEN: &str = "
+import socket, sys
+connection = socket.create_connection((sys.argv[1], int(sys.argv[2])), 60)
+answer = b''
+while data := connection.recv(65536):
+    answer += data
+print(answer.decode('latin1'))
+";
 
 fn seen(output: &Output) -> Value {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -59,11 +75,14 @@ fn another_user_receives_nothing_and_disturbs_no_view() {
         for address in ["127.0.0.1", "::ffff:127.0.0.1"] {
             let stranger = seen(&look(STRANGER, address, port, 1).output().unwrap());
             assert_eq!(stranger["messages"], 0, "{stranger}");
-            // Reset, or refused; nothing else.
+            // Reset, because its request arrived before the answer, or refused; nothing else.
             let answer = stranger["answer"].as_str().unwrap();
             assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 403"), "{stranger}");
             assert!(!answer.contains("motor") && !answer.contains("nims"), "{stranger}");
         }
+        let reader = python(STRANGER, LISTEN).args(["127.0.0.1", port]).output().unwrap();
+        let answer = String::from_utf8_lossy(&reader.stdout);
+        assert!(answer.starts_with("HTTP/1.1 403 Forbidden"), "{reader:?}");
         let line = said.until("refused");
         assert!(line.contains(&STRANGER.to_string()) && line.contains("[viewer]"), "{line}");
         // A thousand connections at once: each ends, none is kept.
