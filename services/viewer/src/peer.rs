@@ -58,8 +58,8 @@ pub(crate) fn peers_of(connections: &[Ends]) -> std::io::Result<Vec<Peer>> {
             break;
         }
     }
-    let other = |peer| if is_of_this_machine(peer) { Peer::Gone } else { Peer::Remote };
-    let of = |(at, ends): (usize, &Ends)| owners.get(&at).map_or_else(|| other(ends.peer), |uid| Peer::Local(*uid));
+    let other = |ends| if is_remote(ends, UdpSocket::bind) { Peer::Remote } else { Peer::Gone };
+    let of = |(at, ends): (usize, &Ends)| owners.get(&at).map_or_else(|| other(*ends), |uid| Peer::Local(*uid));
     Ok(connections.iter().enumerate().map(of).collect())
 }
 
@@ -107,10 +107,17 @@ fn canonical(address: SocketAddr) -> End {
     (address.ip().to_canonical(), address.port())
 }
 
-/// Only an address of this machine can be bound.
-fn is_of_this_machine(mut address: SocketAddr) -> bool {
+/// Returns whether the other end is on another machine: only an address of this machine can be bound. Any other failure
+/// of `bind`, e.g. because this process has too many open files, says nothing about the address. No other machine
+/// reaches a loopback address.
+fn is_remote<S>(ends: Ends, bind: impl Fn(SocketAddr) -> std::io::Result<S>) -> bool {
+    let is_loopback = |end: SocketAddr| end.ip().to_canonical().is_loopback();
+    if is_loopback(ends.own) || is_loopback(ends.peer) {
+        return false;
+    }
+    let mut address = ends.peer;
     address.set_port(0);
-    address.ip().to_canonical().is_loopback() || UdpSocket::bind(address).is_ok()
+    bind(address).is_err_and(|error| error.kind() == std::io::ErrorKind::AddrNotAvailable)
 }
 
 #[cfg(test)]
@@ -131,6 +138,40 @@ mod tests {
 
     fn at(port: u16) -> SocketAddr {
         SocketAddr::from(([127, 0, 0, 1], port))
+    }
+
+    fn documented(last: u8) -> SocketAddr {
+        SocketAddr::from(([192, 0, 2, last], 4000))
+    }
+
+    #[test]
+    fn only_an_address_that_this_machine_lacks_is_one_of_another_machine() {
+        let failing = |kind: std::io::ErrorKind| move |_| Err::<(), _>(std::io::Error::from(kind));
+        let (own, peer) = (documented(2), documented(1));
+        assert!(is_remote(Ends { own, peer }, failing(std::io::ErrorKind::AddrNotAvailable)));
+        assert!(!is_remote(Ends { own, peer }, |_| Ok(())));
+        let too_many_files = |_| Err::<(), _>(std::io::Error::from_raw_os_error(24));
+        assert!(!is_remote(Ends { own, peer }, too_many_files));
+        assert!(!is_remote(Ends { own, peer }, failing(std::io::ErrorKind::PermissionDenied)));
+        for (own, peer) in [(at(8765), peer), (own, at(4000))] {
+            assert!(!is_remote(Ends { own, peer }, failing(std::io::ErrorKind::AddrNotAvailable)), "{own} {peer}");
+        }
+    }
+
+    /// Not connected any more in one direction: the kernel's table contains the end, and it is no user that may look.
+    #[test]
+    fn a_program_of_this_machine_with_a_half_closed_connection_is_not_admitted() {
+        let probe = UdpSocket::bind("0.0.0.0:0").unwrap();
+        let address = probe.connect(documented(1)).and_then(|()| probe.local_addr());
+        let beyond_loopback = address.map(|address| address.ip()).unwrap_or(Ipv4Addr::LOCALHOST.into());
+        for address in [beyond_loopback, Ipv4Addr::LOCALHOST.into()] {
+            let listener = TcpListener::bind((address, 0)).unwrap();
+            let client = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+            let (stream, peer) = listener.accept().unwrap();
+            client.shutdown(std::net::Shutdown::Write).unwrap();
+            let ends = Ends { own: stream.local_addr().unwrap(), peer };
+            assert_eq!(peers_of(&[ends]).unwrap(), [Peer::Gone], "{ends:?}");
+        }
     }
 
     #[test]
@@ -176,7 +217,7 @@ mod tests {
             open.push((client, Ends { own: stream.local_addr().unwrap(), peer }, stream));
         }
         // An address for documentation, which no machine has.
-        let remote = Ends { own: at(8765), peer: SocketAddr::from(([192, 0, 2, 1], 4000)) };
+        let remote = Ends { own: documented(2), peer: documented(1) };
         let ends: Vec<Ends> = open.iter().map(|(_, ends, _)| *ends).chain([remote]).collect();
         let mut expected = vec![Peer::Local(own); open.len()];
         expected.push(Peer::Remote);
