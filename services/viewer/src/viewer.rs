@@ -7,7 +7,7 @@ use bus::clock::{SECOND_NS, now_ns};
 use bus::{Bus, BusError, ChannelWatch};
 use runlog::{Definitions, RunClock};
 
-use crate::graph;
+use crate::graph::{Graph, Survey};
 use crate::hub::Hub;
 use crate::offer::Offer;
 use crate::parameters::Parameters;
@@ -67,12 +67,14 @@ pub struct Viewer {
     lost: u64,
     next_search_ns: u64,
     next_graph_ns: u64,
+    /// The graph that is being read, while a tool draws it.
+    survey: Option<Survey>,
     /// The parameters, and when they are complete, while a tool shows them.
     parameters: Option<(Parameters, u64)>,
 }
 
 impl Viewer {
-    /// Starts to listen, with a thread for each CPU.
+    /// Starts to listen, with one thread for all tools.
     ///
     /// # Errors
     /// [`ViewerError::Listen`].
@@ -98,6 +100,7 @@ impl Viewer {
             lost: 0,
             next_search_ns: 0,
             next_graph_ns: 0,
+            survey: None,
             parameters: None,
         })
     }
@@ -112,8 +115,8 @@ impl Viewer {
     /// second suffice.
     #[must_use]
     pub fn next_poll_ns(&self, now_ns: u64) -> Option<u64> {
-        let subscribed = self.offers.iter().any(Offer::is_subscribed);
-        subscribed.then(|| now_ns + (SECOND_NS as f64 / self.rate_hz) as u64)
+        let busy = self.survey.is_some() || self.offers.iter().any(Offer::is_subscribed);
+        busy.then(|| now_ns + (SECOND_NS as f64 / self.rate_hz) as u64)
     }
 
     /// Offers new channels, and forwards new samples. `announced`: a new channel may exist.
@@ -146,10 +149,15 @@ impl Viewer {
     fn describe_robot(&mut self, bus: &Bus, now_ns: u64) -> Result<(), BusError> {
         let names = || self.offers.iter().map(|offer| offer.info().name.as_str());
         if !self.hub.draws_graph() {
-            self.hub.set_graph(graph::Graph::new());
-        } else if now_ns >= self.next_graph_ns {
+            self.survey = None;
+            self.hub.set_graph(Graph::new());
+        } else if self.survey.is_none() && now_ns >= self.next_graph_ns {
             self.next_graph_ns = now_ns + SEARCH_NS;
-            self.hub.set_graph(graph::read(bus, names()));
+            self.survey = Some(Survey::begin(bus, names()));
+        }
+        if let Some(graph) = self.survey.as_mut().and_then(|survey| survey.step(bus)) {
+            self.survey = None;
+            self.hub.set_graph(graph);
         }
         if !self.hub.shows_parameters() {
             self.parameters = None;

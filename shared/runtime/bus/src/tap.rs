@@ -61,6 +61,11 @@ pub struct Raw<'a> {
     pub missing: u64,
 }
 
+type RawService = iceoryx2::service::port_factory::publish_subscribe::PortFactory<
+    ipc::Service,
+    [CustomPayloadMarker],
+    CustomHeaderMarker,
+>;
 type RawPort = iceoryx2::port::subscriber::Subscriber<ipc::Service, [CustomPayloadMarker], CustomHeaderMarker>;
 
 /// A subscriber for a channel of any type.
@@ -116,15 +121,7 @@ impl Bus {
     /// # Errors
     /// As [`Bus::tap`].
     pub fn publishers(&self, name: &str) -> Result<Vec<(u128, u32)>, BusError> {
-        let (service, _) = self.open_raw(name)?;
-        Ok(collect_listed(|note| {
-            service.dynamic_config().list_publishers(|port| {
-                if let Ok(pid) = port.node_id.pid::<ipc::Service>() {
-                    note((port.publisher_id.value(), pid.value().unsigned_abs()));
-                }
-                CallbackProgression::Continue
-            });
-        }))
+        Ok(publishers_of(&self.open_raw(name)?.0))
     }
 
     /// Returns the process ids of the subscribers of a channel, one entry for each subscriber.
@@ -132,15 +129,18 @@ impl Bus {
     /// # Errors
     /// As [`Bus::tap`].
     pub fn subscribers(&self, name: &str) -> Result<Vec<u32>, BusError> {
+        Ok(subscribers_of(&self.open_raw(name)?.0))
+    }
+
+    /// Returns [`Bus::publishers`] and [`Bus::subscribers`] of a channel. Opens it once only, which takes most of the
+    /// time.
+    ///
+    /// # Errors
+    /// As [`Bus::tap`].
+    #[allow(clippy::type_complexity)]
+    pub fn ends(&self, name: &str) -> Result<(Vec<(u128, u32)>, Vec<u32>), BusError> {
         let (service, _) = self.open_raw(name)?;
-        Ok(collect_listed(|note| {
-            service.dynamic_config().list_subscribers(|port| {
-                if let Ok(pid) = port.node_id.pid::<ipc::Service>() {
-                    note(pid.value().unsigned_abs());
-                }
-                CallbackProgression::Continue
-            });
-        }))
+        Ok((publishers_of(&service), subscribers_of(&service)))
     }
 
     /// Subscribes to an existing channel of any type, with a buffer of [`messages::Quality::shallow`] samples and the
@@ -173,21 +173,7 @@ impl Bus {
         Ok(Tap { port, info, has_header, losses: Losses::default(), received: 0 })
     }
 
-    #[allow(clippy::type_complexity)]
-    fn open_raw(
-        &self,
-        name: &str,
-    ) -> Result<
-        (
-            iceoryx2::service::port_factory::publish_subscribe::PortFactory<
-                ipc::Service,
-                [CustomPayloadMarker],
-                CustomHeaderMarker,
-            >,
-            ChannelInfo,
-        ),
-        BusError,
-    > {
+    fn open_raw(&self, name: &str) -> Result<(RawService, ChannelInfo), BusError> {
         let absent = || BusError::NoChannel { channel: name.to_owned(), domain: self.domain().name().to_owned() };
         let service: ServiceName = service_name(name)?;
         let details = ipc::Service::details(&service, self.domain().config(), MessagingPattern::PublishSubscribe)
@@ -209,6 +195,28 @@ impl Bus {
         };
         Ok((opened.map_err(|error| BusError::failed(name, "be opened", &error))?, info))
     }
+}
+
+fn publishers_of(service: &RawService) -> Vec<(u128, u32)> {
+    collect_listed(|note| {
+        service.dynamic_config().list_publishers(|port| {
+            if let Ok(pid) = port.node_id.pid::<ipc::Service>() {
+                note((port.publisher_id.value(), pid.value().unsigned_abs()));
+            }
+            CallbackProgression::Continue
+        });
+    })
+}
+
+fn subscribers_of(service: &RawService) -> Vec<u32> {
+    collect_listed(|note| {
+        service.dynamic_config().list_subscribers(|port| {
+            if let Ok(pid) = port.node_id.pid::<ipc::Service>() {
+                note(pid.value().unsigned_abs());
+            }
+            CallbackProgression::Continue
+        });
+    })
 }
 
 impl Tap {
