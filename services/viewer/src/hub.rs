@@ -141,6 +141,11 @@ impl Hub {
         self.state().tools.values().any(|tool| tool.asks)
     }
 
+    /// Returns whether a tool waits for values of parameters.
+    pub(crate) fn awaits_parameters(&self) -> bool {
+        !self.state().requests.is_empty()
+    }
+
     /// Sends changed values to the tools that follow them, and answers the requests for values.
     pub(crate) fn set_parameters(&self, new: Values) {
         let mut state = self.state();

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use bus::clock::SECOND_NS;
 use bus::{Bus, BusError, Tap};
 use messages::{SystemConfig, text_of};
 use serde::Serialize;
@@ -9,6 +10,8 @@ use serde_json::{Value, json};
 
 /// Channels of the parameters; the rest of the name is that of the process.
 const CHANNELS: &str = "system/config/";
+/// Time after which every process has delivered its parameters to a new subscriber: two of their heartbeats, ns.
+const COMPLETE_NS: u64 = SECOND_NS;
 /// Changes by `nims set`, which the processes' own parameters contain too.
 const CHANGES: &str = "system/config/nims";
 
@@ -26,20 +29,48 @@ pub(crate) struct Parameter {
 pub(crate) type Values = BTreeMap<String, Parameter>;
 
 /// Receives the parameters of all processes.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Parameters {
     taps: BTreeMap<String, Tap>,
     /// By process.
     values: BTreeMap<String, Values>,
+    /// When they are complete.
+    complete_ns: u64,
+    /// Whether the hub does not have them yet.
+    changed: bool,
 }
 
 impl Parameters {
-    /// Subscribes to the channels of parameters among `channels`, and takes what has arrived. A channel that has no
-    /// place for another subscriber is tried again at the next call.
+    /// Begins at `now_ns`.
+    pub(crate) fn new(now_ns: u64) -> Self {
+        let (taps, values) = (BTreeMap::new(), BTreeMap::new());
+        Self { taps, values, complete_ns: now_ns + COMPLETE_NS, changed: true }
+    }
+
+    /// Takes what has arrived on the channels of parameters among `channels`. Returns all parameters once they are
+    /// complete, but only if some have arrived since, or if they are `awaited`, because comparing them takes long.
     ///
     /// # Errors
     /// Shared memory is damaged.
-    pub(crate) fn update<'a>(&mut self, bus: &Bus, channels: impl Iterator<Item = &'a str>) -> Result<(), BusError> {
+    pub(crate) fn poll<'a>(
+        &mut self,
+        bus: &Bus,
+        channels: impl Iterator<Item = &'a str>,
+        awaited: bool,
+        now_ns: u64,
+    ) -> Result<Option<Values>, BusError> {
+        self.changed |= self.update(bus, channels)?;
+        let due = now_ns >= self.complete_ns && (self.changed || awaited);
+        self.changed &= !due;
+        Ok(due.then(|| self.all()))
+    }
+
+    /// Subscribes to the channels of parameters among `channels`, and takes what has arrived. A channel that has no
+    /// place for another subscriber is tried again at the next call. Returns whether any has arrived.
+    ///
+    /// # Errors
+    /// Shared memory is damaged.
+    fn update<'a>(&mut self, bus: &Bus, channels: impl Iterator<Item = &'a str>) -> Result<bool, BusError> {
         for channel in channels.filter(|channel| channel.starts_with(CHANNELS) && *channel != CHANGES) {
             if !self.taps.contains_key(channel)
                 && let Ok(tap) = bus.tap(channel)
@@ -47,6 +78,7 @@ impl Parameters {
                 self.taps.insert(channel.to_owned(), tap);
             }
         }
+        let mut arrived = false;
         for (channel, tap) in &mut self.taps {
             let process = &channel[CHANNELS.len()..];
             // Another build has another layout; its parameters are not shown.
@@ -54,15 +86,16 @@ impl Parameters {
                 tap.receive(|raw| bytemuck::try_pod_read_unaligned::<SystemConfig>(raw.bytes).ok())?
             {
                 if let Some(config) = config {
+                    arrived = true;
                     self.values.insert(process.to_owned(), parsed(process, &text_of(&config.parameters)));
                 }
             }
         }
-        Ok(())
+        Ok(arrived)
     }
 
     /// Returns the parameters of all processes.
-    pub(crate) fn all(&self) -> Values {
+    fn all(&self) -> Values {
         self.values.values().flat_map(|values| values.clone()).collect()
     }
 }
@@ -107,6 +140,30 @@ fn shown(value: &toml::Value) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bus::Domain;
+    use bytemuck::Zeroable;
+    use messages::put_text;
+
+    #[test]
+    fn parameters_are_handed_over_if_some_have_arrived_or_are_awaited() {
+        let domain = Domain::for_test();
+        let bus = Bus::join(&domain, "test").unwrap();
+        let mut port = bus.publisher::<SystemConfig>("system/config/estimator").unwrap();
+        let mut parameters = Parameters::new(0);
+        let mut poll = |now_ns, awaited| {
+            let channels = ["system/config/estimator"].into_iter();
+            parameters.poll(&bus, channels, awaited, now_ns).unwrap().map(|values| values.len())
+        };
+        let after = COMPLETE_NS;
+        assert_eq!(poll(after - 1, true), None, "not complete yet");
+        assert_eq!(poll(after, false), Some(0), "the first time, also if there are none");
+        assert_eq!(poll(after, false), None, "nothing has arrived");
+        let mut config = SystemConfig::zeroed();
+        put_text(&mut config.parameters, "rate_hz = 50.0\n");
+        port.send(&mut config).unwrap();
+        assert_eq!([poll(after, false), poll(after, false)], [Some(1), None]);
+        assert_eq!([poll(after, true), poll(after, false)], [Some(1), None]);
+    }
 
     #[test]
     fn tables_become_names_and_values_keep_their_types() {

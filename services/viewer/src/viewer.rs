@@ -16,8 +16,6 @@ use crate::server::Server;
 
 /// Time between two searches for channels that were not announced, ns.
 const SEARCH_NS: u64 = SECOND_NS;
-/// Time after which every process has delivered its parameters to a new subscriber: two of their heartbeats, ns.
-const PARAMETERS_NS: u64 = SECOND_NS;
 
 /// Settings of a viewer.
 #[derive(Debug, Clone)]
@@ -69,8 +67,8 @@ pub struct Viewer {
     next_graph_ns: u64,
     /// The graph that is being read, while a tool draws it.
     survey: Option<Survey>,
-    /// The parameters, and when they are complete, while a tool shows them.
-    parameters: Option<(Parameters, u64)>,
+    /// While a tool shows them.
+    parameters: Option<Parameters>,
 }
 
 impl Viewer {
@@ -159,15 +157,12 @@ impl Viewer {
             self.survey = None;
             self.hub.set_graph(graph);
         }
-        if !self.hub.shows_parameters() {
+        if self.hub.shows_parameters() {
+            let parameters = self.parameters.get_or_insert_with(|| Parameters::new(now_ns));
+            let values = parameters.poll(bus, names(), self.hub.awaits_parameters(), now_ns)?;
+            values.into_iter().for_each(|values| self.hub.set_parameters(values));
+        } else {
             self.parameters = None;
-            return Ok(());
-        }
-        let (parameters, complete_ns) =
-            self.parameters.get_or_insert_with(|| (Parameters::default(), now_ns + PARAMETERS_NS));
-        parameters.update(bus, names())?;
-        if now_ns >= *complete_ns {
-            self.hub.set_parameters(parameters.all());
         }
         Ok(())
     }
