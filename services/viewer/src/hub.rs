@@ -12,11 +12,17 @@ use crate::protocol::{self, Advertised, Asked, Subscription};
 const CHANNELS: usize = 100;
 /// Largest number of channels that a tool shows, and of parameters.
 const SUBSCRIPTIONS: usize = 10_000;
-/// Largest number of requests for parameters that wait for their values; others are not answered.
+/// Largest number of requests of a tool for parameters that wait for their values, and of the bytes that they keep;
+/// others are not answered. One request that names every parameter has less.
 const REQUESTS: usize = 1000;
+const REQUEST_BYTES: usize = 2 << 20;
+/// Largest size of the name of a parameter or of a request, bytes. No parameter has a longer one.
+const NAME_BYTES: usize = 256;
+/// What a name in a set takes beside its bytes, about.
+const ENTRY_BYTES: usize = 64;
 
 /// A channel and a tool that has begun to show it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Begun {
     pub(crate) channel: u32,
     pub(crate) tool: u64,
@@ -35,21 +41,26 @@ pub(crate) struct Hub {
 struct State {
     channels: BTreeMap<u32, Advertised>,
     tools: BTreeMap<u64, Tool>,
-    begun: Vec<Begun>,
+    begun: BTreeSet<Begun>,
     last_channel: u32,
     last_tool: u64,
     graph: Graph,
     parameters: Values,
-    requests: Vec<ParameterRequest>,
 }
 
 /// A request for the values of parameters.
 #[derive(Debug)]
 struct ParameterRequest {
-    tool: u64,
     id: Option<String>,
-    /// Empty: all.
-    names: BTreeSet<String>,
+    /// `None`: all.
+    names: Option<BTreeSet<String>>,
+}
+
+impl ParameterRequest {
+    fn bytes(&self) -> usize {
+        let names = self.names.iter().flatten().chain(&self.id);
+        ENTRY_BYTES + names.map(|name| name.len() + ENTRY_BYTES).sum::<usize>()
+    }
 }
 
 #[derive(Debug, Default)]
@@ -64,6 +75,9 @@ struct Tool {
     /// Parameters whose new values it gets.
     follows: BTreeSet<String>,
     follows_all: bool,
+    /// Requests for parameters that wait for their values, and the bytes that they keep.
+    requests: Vec<ParameterRequest>,
+    request_bytes: usize,
     /// Requests that were answered with a warning already.
     warned: BTreeSet<String>,
 }
@@ -106,7 +120,7 @@ impl Hub {
     }
 
     /// Returns the tools that have begun to show a channel since the last call.
-    pub(crate) fn take_begun(&self) -> Vec<Begun> {
+    pub(crate) fn take_begun(&self) -> BTreeSet<Begun> {
         std::mem::take(&mut self.state().begun)
     }
 
@@ -143,15 +157,16 @@ impl Hub {
 
     /// Returns whether a tool waits for values of parameters.
     pub(crate) fn awaits_parameters(&self) -> bool {
-        !self.state().requests.is_empty()
+        self.state().tools.values().any(|tool| !tool.requests.is_empty())
     }
 
     /// Sends changed values to the tools that follow them, and answers the requests for values.
     pub(crate) fn set_parameters(&self, new: Values) {
         let mut state = self.state();
+        let State { parameters, tools, .. } = &mut *state;
         let changed: Vec<&Parameter> =
-            new.values().filter(|value| state.parameters.get(&value.name) != Some(value)).collect();
-        for tool in state.tools.values() {
+            new.values().filter(|value| parameters.get(&value.name) != Some(value)).collect();
+        for tool in tools.values_mut() {
             let mut followed = changed
                 .iter()
                 .copied()
@@ -160,10 +175,9 @@ impl Hub {
             if followed.peek().is_some() {
                 tool.outbox.push_text(protocol::parameter_values(followed, None));
             }
-        }
-        for ParameterRequest { tool, id, names } in std::mem::take(&mut state.requests) {
-            if let Some(tool) = state.tools.get(&tool) {
-                let asked = new.values().filter(|value| names.is_empty() || names.contains(&value.name));
+            tool.request_bytes = 0;
+            for ParameterRequest { id, names } in std::mem::take(&mut tool.requests) {
+                let asked = new.values().filter(|value| names.as_ref().is_none_or(|names| names.contains(&value.name)));
                 tool.outbox.push_text(protocol::parameter_values(asked, id.as_deref()));
             }
         }
@@ -187,15 +201,20 @@ impl Hub {
 
     /// Forgets a tool.
     pub(crate) fn disconnect(&self, number: u64) {
-        self.state().tools.remove(&number);
+        let mut state = self.state();
+        state.tools.remove(&number);
+        state.begun.retain(|begun| begun.tool != number);
     }
 
     /// Carries out a request of a tool.
     pub(crate) fn request(&self, number: u64, text: &str) {
+        // What takes long for a long text is done before the viewer and the other tools have to wait.
+        let asked = serde_json::from_str(text);
+        let name = if matches!(asked, Ok(Asked::Other) | Err(_)) { protocol::name_of(text) } else { String::new() };
         let mut state = self.state();
-        let State { channels, tools, begun, graph, requests, .. } = &mut *state;
+        let State { channels, tools, begun, graph, .. } = &mut *state;
         let Some(tool) = tools.get_mut(&number) else { return };
-        match serde_json::from_str(text) {
+        match asked {
             Ok(Asked::Subscribe { subscriptions }) => {
                 for Subscription { id, channel_id } in subscriptions {
                     if !channels.contains_key(&channel_id) || tool.subscriptions.len() >= SUBSCRIPTIONS {
@@ -203,25 +222,19 @@ impl Hub {
                         continue;
                     }
                     if tool.subscriptions.insert(channel_id, id) != Some(id) {
-                        begun.push(Begun { channel: channel_id, tool: number });
+                        begun.insert(Begun { channel: channel_id, tool: number });
                     }
                 }
             }
             Ok(Asked::Unsubscribe { subscription_ids }) => {
                 tool.subscriptions.retain(|_, id| !subscription_ids.contains(id));
             }
-            Ok(Asked::GetParameters { parameter_names, id }) => {
-                tool.asks = true;
-                if requests.len() < REQUESTS {
-                    let names = parameter_names.into_iter().collect();
-                    requests.push(ParameterRequest { tool: number, id, names });
-                }
-            }
+            Ok(Asked::GetParameters { parameter_names, id }) => tool.ask(parameter_names, id),
             Ok(Asked::SubscribeParameterUpdates { parameter_names }) => {
                 tool.asks = true;
                 tool.follows_all |= parameter_names.is_empty();
                 let free = SUBSCRIPTIONS.saturating_sub(tool.follows.len());
-                tool.follows.extend(parameter_names.into_iter().take(free));
+                tool.follows.extend(parameter_names.into_iter().filter(|name| name.len() <= NAME_BYTES).take(free));
             }
             Ok(Asked::UnsubscribeParameterUpdates { parameter_names }) => {
                 let all = parameter_names.is_empty();
@@ -234,8 +247,8 @@ impl Hub {
                 }
             }
             Ok(Asked::UnsubscribeConnectionGraph) => tool.graph = false,
-            Ok(Asked::Other) => tool.refuse(&protocol::name_of(text), "only shows, and does not carry out"),
-            Err(_) => tool.refuse(&protocol::name_of(text), "cannot read"),
+            Ok(Asked::Other) => tool.refuse(&name, "only shows, and does not carry out"),
+            Err(_) => tool.refuse(&name, "cannot read"),
         }
     }
 }
@@ -249,10 +262,91 @@ impl State {
 }
 
 impl Tool {
+    /// Keeps a request for the values of parameters until they are known.
+    fn ask(&mut self, names: BTreeSet<String>, id: Option<String>) {
+        if id.as_ref().is_some_and(|id| id.len() > NAME_BYTES) {
+            return self.refuse("getParameters", &format!("takes no id of more than {NAME_BYTES} bytes with"));
+        }
+        self.asks = true;
+        // Without the names that no parameter has, a request for some must not become one for all.
+        let names = (!names.is_empty()).then(|| names.into_iter().filter(|name| name.len() <= NAME_BYTES).collect());
+        let request = ParameterRequest { id, names };
+        let bytes = self.request_bytes + request.bytes();
+        if self.requests.len() < REQUESTS && bytes <= REQUEST_BYTES {
+            self.request_bytes = bytes;
+            self.requests.push(request);
+        }
+    }
+
     /// A tool that asks for the same again gets no second answer.
     fn refuse(&mut self, request: &str, why: &str) {
         if self.warned.len() < CHANNELS && self.warned.insert(request.to_owned()) {
             self.outbox.push_text(protocol::warning(&format!("the viewer of nims {why} the request {request}")));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn hub_with_channel() -> (Hub, u32) {
+        let hub = Hub::new("test", String::new());
+        let (topic, schema_name, schema) = ("/a".to_owned(), String::new(), String::new());
+        let channel = Advertised { id: 0, topic, encoding: "cdr", schema_name, schema, schema_encoding: "ros2msg" };
+        let id = hub.advertise(channel);
+        (hub, id)
+    }
+
+    #[test]
+    fn a_channel_begins_once_however_often_a_tool_asks_for_it() {
+        let (hub, channel) = hub_with_channel();
+        let (tool, _) = hub.connect();
+        for id in 0..100 {
+            let asked = json!({"op": "subscribe", "subscriptions": [{"id": id, "channelId": channel}]});
+            hub.request(tool, &asked.to_string());
+        }
+        assert_eq!(hub.state().begun.len(), 1);
+        hub.disconnect(tool);
+        assert_eq!(hub.take_begun().len(), 0, "of a tool that has gone");
+    }
+
+    #[test]
+    fn what_a_tool_asks_for_is_bounded_in_bytes_and_ends_with_it() {
+        let (hub, _) = hub_with_channel();
+        let (tool, _) = hub.connect();
+        let names: Vec<String> = (0..3000).map(|at| format!("{at:0>256}")).collect();
+        let asked = json!({"op": "getParameters", "parameterNames": names}).to_string();
+        for _ in 0..50 {
+            hub.request(tool, &asked);
+        }
+        let kept: usize = hub.state().tools[&tool].requests.iter().map(ParameterRequest::bytes).sum();
+        assert!(kept > 0 && kept <= REQUEST_BYTES, "{kept} bytes");
+        assert!(hub.awaits_parameters());
+        // The requests of another tool still have their place.
+        let (other, outbox) = hub.connect();
+        hub.request(other, r#"{"op":"getParameters","id":"x"}"#);
+        assert_eq!(hub.state().tools[&other].requests.len(), 1);
+        drop(outbox);
+        hub.disconnect(other);
+        hub.disconnect(tool);
+        assert!(!hub.awaits_parameters() && !hub.shows_parameters());
+    }
+
+    #[test]
+    fn names_that_no_parameter_can_have_are_not_kept() {
+        let (hub, _) = hub_with_channel();
+        let (tool, _) = hub.connect();
+        let long = "x".repeat(NAME_BYTES + 1);
+        for op in ["getParameters", "subscribeParameterUpdates"] {
+            hub.request(tool, &json!({"op": op, "parameterNames": [long]}).to_string());
+        }
+        hub.request(tool, &json!({"op": "getParameters", "id": long}).to_string());
+        let state = hub.state();
+        let tool = &state.tools[&tool];
+        assert!(tool.follows.is_empty() && !tool.follows_all);
+        assert_eq!(tool.requests.len(), 1, "the one with a long id is refused");
+        assert_eq!(tool.requests[0].names, Some(BTreeSet::new()), "none, and not all");
     }
 }

@@ -3,6 +3,8 @@
 //! `foxglove.sdk.v1` and the older `foxglove.websocket.v1` are two names for the same messages, as far as a server that
 //! only shows needs them. Their description: <https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md>.
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -44,13 +46,13 @@ pub(crate) enum Asked {
     #[serde(rename_all = "camelCase")]
     Unsubscribe {
         /// Numbers that the tool chose.
-        subscription_ids: Vec<u32>,
+        subscription_ids: BTreeSet<u32>,
     },
     /// Send the values of these parameters; none named: of all.
     #[serde(rename_all = "camelCase")]
     GetParameters {
         #[serde(default)]
-        parameter_names: Vec<String>,
+        parameter_names: BTreeSet<String>,
         /// The answer contains it.
         id: Option<String>,
     },
@@ -58,13 +60,13 @@ pub(crate) enum Asked {
     #[serde(rename_all = "camelCase")]
     SubscribeParameterUpdates {
         #[serde(default)]
-        parameter_names: Vec<String>,
+        parameter_names: BTreeSet<String>,
     },
     /// Send no more new values of these parameters; none named: of all.
     #[serde(rename_all = "camelCase")]
     UnsubscribeParameterUpdates {
         #[serde(default)]
-        parameter_names: Vec<String>,
+        parameter_names: BTreeSet<String>,
     },
     /// Send who publishes and subscribes, and each change of it.
     SubscribeConnectionGraph,
@@ -142,10 +144,14 @@ mod tests {
         let subscriptions = vec![Subscription { id: 0, channel_id: 3 }, Subscription { id: 1, channel_id: 5 }];
         assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::Subscribe { subscriptions });
         let text = r#"{"op":"unsubscribe","subscriptionIds":[0,1]}"#;
-        assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::Unsubscribe { subscription_ids: vec![0, 1] });
+        assert_eq!(
+            serde_json::from_str::<Asked>(text).unwrap(),
+            Asked::Unsubscribe { subscription_ids: BTreeSet::from([0, 1]) }
+        );
         let text = r#"{"op":"getParameters","parameterNames":[],"id":"get-all-params"}"#;
         let id = Some("get-all-params".to_owned());
-        assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::GetParameters { parameter_names: vec![], id });
+        let all = BTreeSet::new();
+        assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::GetParameters { parameter_names: all, id });
         let text = r#"{"op":"subscribeConnectionGraph"}"#;
         assert_eq!(serde_json::from_str::<Asked>(text).unwrap(), Asked::SubscribeConnectionGraph);
         let text = r#"{"op":"advertise","channels":[{"id":1}]}"#;
