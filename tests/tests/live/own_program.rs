@@ -55,7 +55,8 @@ fn fly(role: &str, kind: usize, program: &Path) -> Robot {
     let mut robot = slow(&beside(role, program));
     robot.until("the program", |robot| robot.slots.phase[SLOTS * kind + 1] != MotorSlots::PHASE_EMPTY);
     robot.arm();
-    robot.fly_at(0.04);
+    // Long enough to qualify and for 200 cycles in charge.
+    robot.fly_at(0.07);
     swap(&mut robot, role, kind);
     robot.until("it is in charge", |robot| robot.slots.in_charge[kind] == 1);
     robot.for_cycles(200);
