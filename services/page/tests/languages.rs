@@ -243,6 +243,17 @@ fn literal(source: &str) -> Option<String> {
     }
 }
 
+/// Checks that a language has each text of a kind and no other, with the same parameters.
+fn complete(language: &str, kind: &str, texts: &BTreeSet<String>, own: &BTreeMap<String, String>) {
+    let missing: Vec<_> = texts.iter().filter(|text| !own.contains_key(*text)).collect();
+    assert!(missing.is_empty(), "{language} lacks the {kind} {missing:#?}");
+    let unused: Vec<_> = own.keys().filter(|text| !texts.contains(*text)).collect();
+    assert!(unused.is_empty(), "{language}: there is no {kind} {unused:#?}");
+    for (text, own) in own {
+        assert_eq!(parameters(text), parameters(own), "{language}: {text}");
+    }
+}
+
 #[test]
 fn every_language_has_every_label_and_every_reason() {
     let (templates, labels, guide, clauses) = (templates(), labels(), guide(), clauses());
@@ -256,21 +267,9 @@ fn every_language_has_every_label_and_every_reason() {
             rows.map(|(key, value)| (key.clone(), value.as_str().unwrap().to_owned())).collect()
         };
         let (own_labels, own_reasons, own_guide) = (of("labels"), of("reasons"), of("guide"));
-        let missing: Vec<_> = guide.iter().filter(|sentence| !own_guide.contains_key(*sentence)).collect();
-        assert!(missing.is_empty(), "{language} has no {missing:#?} of the guided calibration");
-        let unused: Vec<_> = own_guide.keys().filter(|sentence| !guide.contains(*sentence)).collect();
-        assert!(unused.is_empty(), "{language}: no sentence of the guided calibration is {unused:#?}");
-        for (sentence, own) in &own_guide {
-            assert_eq!(parameters(sentence), parameters(own), "{language}: {sentence}");
-        }
-        let own_clauses = of("clauses");
-        let missing: Vec<_> = clauses.iter().filter(|clause| !own_clauses.contains_key(*clause)).collect();
-        assert!(missing.is_empty(), "{language} has no {missing:#?} of the clauses");
-        let unused: Vec<_> = own_clauses.keys().filter(|clause| !clauses.contains(*clause)).collect();
-        assert!(unused.is_empty(), "{language}: there is no clause {unused:#?}");
-        for (clause, own) in &own_clauses {
-            assert_eq!(parameters(clause), parameters(own), "{language}: {clause}");
-        }
+        complete(language, "sentence of the guided calibration", &guide, &own_guide);
+        complete(language, "clause", &clauses, &of("clauses"));
+        complete(language, "label of the page", &labels, &own_labels);
         let own_faults = file["faults"].as_object().unwrap();
         assert!(own_faults.keys().eq(faults().keys()), "{language}: the faults are {:#?}", faults().keys());
         for (clause, own) in own_faults {
@@ -278,13 +277,6 @@ fn every_language_has_every_label_and_every_reason() {
             let parts: Vec<bool> =
                 own.as_array().unwrap().iter().map(|part| part.as_str().unwrap().is_empty()).collect();
             assert_eq!(parts, faults()[clause.as_str()].map(str::is_empty), "{language}: {clause}");
-        }
-        let missing: Vec<_> = labels.iter().filter(|label| !own_labels.contains_key(*label)).collect();
-        assert!(missing.is_empty(), "{language} has no {missing:#?}");
-        let unused: Vec<_> = own_labels.keys().filter(|label| !labels.contains(*label)).collect();
-        assert!(unused.is_empty(), "{language}: no label of the page is {unused:#?}");
-        for (label, own) in &own_labels {
-            assert_eq!(parameters(label), parameters(own), "{language}: {label}");
         }
         for (code, text) in &templates {
             // A sentence that is a parameter alone has no words of its own.
