@@ -124,16 +124,8 @@ impl Bus {
         Ok(publishers_of(&self.open_raw(name)?.0))
     }
 
-    /// Returns the process ids of the subscribers of a channel, one entry for each subscriber.
-    ///
-    /// # Errors
-    /// As [`Bus::tap`].
-    pub fn subscribers(&self, name: &str) -> Result<Vec<u32>, BusError> {
-        Ok(subscribers_of(&self.open_raw(name)?.0))
-    }
-
-    /// Returns [`Bus::publishers`] and [`Bus::subscribers`] of a channel. Opens it once only, which takes most of the
-    /// time.
+    /// Returns [`Bus::publishers`] of a channel, and the process id of each subscriber. Opens the channel once, which
+    /// takes most of the time.
     ///
     /// # Errors
     /// As [`Bus::tap`].
