@@ -1,7 +1,6 @@
 //! Simulated sensors of the virtual motor box, each on its own serial port, and the ground that they measure.
 
-use config::toml_file::{ConfigError, Source};
-use config::{Problem, number};
+use config::{ConfigError, Problem, number, toml_file};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -156,10 +155,7 @@ impl GroundFile {
     /// # Errors
     /// The file is not accepted: one sentence with the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let source = Source::read(path)?;
-        let file: Self = source.parse()?;
-        file.check().map_err(|problem| source.error(&problem))?;
-        Ok(file)
+        toml_file::load_checked(path, Self::check)
     }
 
     fn check(&self) -> Result<(), Problem> {

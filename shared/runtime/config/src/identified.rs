@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use crate::Problem;
 use crate::section::{above, between};
-use crate::toml_file::{ConfigError, Source};
+use crate::{ConfigError, Problem, toml_file};
 
 crate::section! {
     /// A file of `nims identify --out`.
@@ -87,10 +86,7 @@ impl IdentifiedFile {
     /// # Errors
     /// The file cannot be read, or a value is not accepted: one sentence that names the file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let source = Source::read(path)?;
-        let file: Self = source.parse()?;
-        file.check().map_err(|problem| source.error(&problem))?;
-        Ok(file)
+        toml_file::load_checked(path, Self::check)
     }
 
     fn check(&self) -> Result<(), Problem> {

@@ -1,8 +1,6 @@
 //! Files of measurements that a robot file names: a calibration and a motor table.
 
-use crate::Problem;
-use crate::PulleyKind;
-use crate::toml_file::{ConfigError, Source};
+use crate::{ConfigError, Problem, PulleyKind, toml_file};
 use cable_robot::energy::CurrentTable;
 use serde::Deserialize;
 use std::ops::RangeInclusive;
@@ -73,10 +71,7 @@ impl CalibrationFile {
     /// # Errors
     /// The file cannot be read or parsed, or its scales fit no encoders: one sentence that names the file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let source = Source::read(path)?;
-        let file: Self = source.parse()?;
-        file.check_cable_scale().map_err(|problem| source.error(&problem))?;
-        Ok(file)
+        toml_file::load_checked(path, Self::check_cable_scale)
     }
 
     fn check_cable_scale(&self) -> Result<(), Problem> {
@@ -179,10 +174,10 @@ impl MotorTableFile {
     /// # Errors
     /// The file cannot be read or is no table: one sentence that names the file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let source = Source::read(path)?;
-        let file: Self = source.parse()?;
-        file.table(0.0).map_err(|error| source.error(&Problem::with_sentence("currents_a", error.to_string())))?;
-        Ok(file)
+        toml_file::load_checked(path, |file: &Self| match file.table(0.0) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(Problem::with_sentence("currents_a", error.to_string())),
+        })
     }
 
     /// Returns the current table for motors with this armature resistance, ohm.

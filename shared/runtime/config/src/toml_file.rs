@@ -160,6 +160,20 @@ pub fn load<T: DeserializeOwned>(path: &Path) -> Result<T, ConfigError> {
     Source::read(path)?.parse()
 }
 
+/// Reads and parses a TOML file, and checks its values.
+///
+/// # Errors
+/// As [`load`], or the problem that `check` finds, with the file and the line.
+pub fn load_checked<T: DeserializeOwned>(
+    path: &Path,
+    check: impl FnOnce(&T) -> Result<(), Problem>,
+) -> Result<T, ConfigError> {
+    let source = Source::read(path)?;
+    let file = source.parse()?;
+    check(&file).map_err(|problem| source.error(&problem))?;
+    Ok(file)
+}
+
 /// Parses a text; `path` is used in errors only.
 ///
 /// # Errors
