@@ -4,6 +4,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+/// File below /sys with the processors of the kernel's workers that belong to none.
+pub const WORKERS_MASK: &str = "devices/virtual/workqueue/cpumask";
+
 /// How the kernel lets a thread interrupt it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preemption {
@@ -74,6 +77,8 @@ pub struct Kernel {
     pub interrupts: Vec<Interrupt>,
     /// Serial adapters with a latency timer.
     pub adapters: Vec<Adapter>,
+    /// Mask of the processors of the kernel's own unbound workers, as its file has it; empty if the kernel does not tell.
+    pub workers_mask: String,
     /// Whether systemd runs, and removes the shared memory of ordinary users who log out.
     pub removes_ipc: bool,
 }
@@ -98,6 +103,22 @@ pub fn parse_cpus(list: &str) -> Vec<usize> {
 /// Formats a list of processors.
 pub fn format_cpus(cpus: &[usize]) -> String {
     cpus.iter().map(usize::to_string).collect::<Vec<_>>().join(",")
+}
+
+/// A mask of one processor with the digits and commas of another mask of the same machine; `None` if that has no digit
+/// for this processor.
+pub fn mask_of(cpu: usize, like: &str) -> Option<String> {
+    let digits = like.chars().filter(char::is_ascii_hexdigit).count();
+    let mut left = digits.checked_sub(cpu / 4 + 1)?;
+    let digit = |place: char| {
+        if place == ',' {
+            return Some(place);
+        }
+        let is_its = left == 0;
+        left = left.wrapping_sub(1);
+        char::from_digit(if is_its { 1 << (cpu % 4) } else { 0 }, 16)
+    };
+    like.chars().map(digit).collect()
 }
 
 fn entries(folder: &Path) -> Vec<PathBuf> {
@@ -222,6 +243,7 @@ pub fn read(root: &Path) -> Kernel {
         deepest_idle_us: deepest_idle_us(root),
         interrupts: interrupts(root),
         adapters: adapters(root),
+        workers_mask: text(&root.join("sys").join(WORKERS_MASK)),
         removes_ipc: removes_ipc(root),
     }
 }
@@ -344,5 +366,15 @@ mod tests {
         assert_eq!(parse_cpus("(null)"), Vec::<usize>::new());
         assert_eq!((parse_cpus(""), parse_cpus("7")), (vec![], vec![7]));
         assert_eq!(format_cpus(&[0, 2, 3]), "0,2,3");
+    }
+
+    #[test]
+    fn the_mask_of_a_processor_has_the_form_of_another() {
+        assert_eq!(mask_of(0, "3").as_deref(), Some("1"));
+        assert_eq!(mask_of(3, "f").as_deref(), Some("8"));
+        assert_eq!(mask_of(6, "ff").as_deref(), Some("40"));
+        assert_eq!(mask_of(33, "ff,ffffffff").as_deref(), Some("02,00000000"));
+        assert_eq!(mask_of(4, "f"), None);
+        assert_eq!(mask_of(0, ""), None);
     }
 }

@@ -2,7 +2,7 @@
 //! decides, and that a restart of the machine undoes, also have what to write there. Pure.
 //! docs/real-time.md explains them.
 
-use super::kernel::{Kernel, Preemption, format_cpus};
+use super::kernel::{Kernel, Preemption, WORKERS_MASK, format_cpus, mask_of};
 use crate::finding::{Finding, note, warning};
 
 /// Wake-up time of an idle state that takes a considerable part of a cycle of 4 ms, µs.
@@ -66,6 +66,7 @@ pub fn examine(kernel: &Kernel, wanted: &Wanted) -> Vec<Examined> {
     found.extend(idle(kernel, wanted));
     found.extend(wanted.cpu.and_then(|cpu| isolation(kernel, cpu)));
     found.extend(wanted.cpu.and_then(|cpu| interrupts(kernel, cpu)));
+    found.extend(wanted.cpu.and_then(|cpu| workers(kernel, cpu)));
     found.extend(kernel.adapters.iter().filter_map(|adapter| {
         let (name, latency_ms) = (&adapter.name, adapter.latency_ms);
         let collects = format!("the adapter of /dev/{name} collects received bytes for {latency_ms} ms");
@@ -194,6 +195,21 @@ fn interrupts(kernel: &Kernel, cpu: usize) -> Option<Examined> {
     Some(Examined { finding, writes: writes.collect() })
 }
 
+/// A byte that a serial port receives reaches the program through a worker of the kernel with ordinary priority
+/// (`flush_to_ldisc`, on an unbound workqueue). On a busy processor it waits for milliseconds, and the answer of a drive
+/// with it. The control chain waits for that answer, so its own processor is free for the worker.
+fn workers(kernel: &Kernel, cpu: usize) -> Option<Examined> {
+    let mask = mask_of(cpu, &kernel.workers_mask).filter(|mask| *mask != kernel.workers_mask)?;
+    let finding = warning(
+        format!(
+            "workers of the kernel, which pass on what serial ports receive, may wait for other programs: they are not only on processor {cpu} of the control chain"
+        ),
+        "`nims doctor --fix` as root",
+    );
+    let write = Write { file: format!("sys/{WORKERS_MASK}"), text: mask, is_stable: true };
+    Some(Examined { finding, writes: vec![write] })
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::kernel::{Adapter, Governor, Interrupt};
@@ -213,6 +229,7 @@ mod tests {
             deepest_idle_us: Some(2),
             interrupts: vec![Interrupt { number: 1, cpus: vec![0, 1] }, Interrupt { number: 2, cpus: vec![3] }],
             adapters: vec![Adapter { name: "ttyUSB0".to_owned(), latency_ms: 1, is_writable: false }],
+            workers_mask: "8".to_owned(),
             ..Kernel::default()
         }
     }
@@ -264,6 +281,9 @@ mod tests {
         });
         let timer = "sys/bus/usb-serial/devices/ttyUSB0/latency_timer";
         found(&["16 ms", "udev", "latency_timer"], &[(timer, "1")], |kernel, _| kernel.adapters[0].latency_ms = 16);
+        let workers = "sys/devices/virtual/workqueue/cpumask";
+        found(&["serial ports", "processor 3"], &[(workers, "8")], |kernel, _| kernel.workers_mask = "f".to_owned());
+        found(&["serial ports", "processor 3"], &[(workers, "8")], |kernel, _| kernel.workers_mask = "7".to_owned());
         found(&["SD card", "`runs`"], &[], |_, wanted| wanted.runs_on_sd_card = true);
         found(&["RemoveIPC", "enable-linger"], &[], |kernel, wanted| {
             (kernel.removes_ipc, wanted.user) = (true, 1000);
@@ -287,6 +307,8 @@ mod tests {
             kernel.interrupts.push(Interrupt { number: 7, cpus: vec![0, 3] });
             wanted.cpu = None;
         });
+        // A kernel that does not tell where its workers are.
+        quiet(&|kernel, _| kernel.workers_mask.clear());
         // A service's user, and one who lingers.
         quiet(&|kernel, _| kernel.removes_ipc = true);
         quiet(&|kernel, wanted| (kernel.removes_ipc, wanted.user, wanted.lingers) = (true, 1000, true));
