@@ -14,3 +14,4 @@ mod sentences;
 mod setup;
 mod solve;
 mod statics;
+mod versions;
