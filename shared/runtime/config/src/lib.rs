@@ -54,7 +54,7 @@ pub use exactly::{each_exactly, each_exactly_if_given, exactly, exactly_if_given
 pub use file_kind::FileKind;
 pub use gateway::GatewaySection;
 pub use identified::{IdentifiedCable, IdentifiedFile, IdentifiedMotor, Replaced};
-pub use load::EXAMPLES;
+pub use load::{EXAMPLES, OF_SERVICES};
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MOTOR_BOX, MotorTableFile, RESOLVED};
 pub use mission_copy::{

@@ -237,6 +237,30 @@ impl MotorSection {
 /// The example files of an installation; in them, `systems`, `robots` and others.
 pub const EXAMPLES: &str = "/usr/share/nims";
 
+/// The system files of the services of this machine: `nims@NAME` runs NAME.toml.
+pub const OF_SERVICES: &str = "/etc/nims/systems";
+
+/// Returns the name that the system file of a service must have, by its path; `None`: no service runs this file.
+fn name_of_service(path: &Path) -> Option<String> {
+    let path = std::path::absolute(path).ok()?;
+    let name = path.file_stem().filter(|_| path.parent() == Some(Path::new(OF_SERVICES)))?;
+    Some(name.to_string_lossy().into_owned())
+}
+
+/// Checks that the system file of a service has its name. Socket, tokens and stored position have the name in the file,
+/// so a copy that kept it would share them with its original.
+fn check_name_of_service(path: &Path, name: &str) -> Result<(), Problem> {
+    match name_of_service(path) {
+        Some(service) if service != name => Err(Problem::with_clause(
+            "name",
+            format!(
+                "is \"{name}\", and the file is that of nims@{service}; write \"{service}\", or name the file {name}.toml"
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// Returns whether a system file of this folder is an example of an installation. It is flown where it is, so its runs
 /// go below the current folder: users cannot write beside it.
 fn is_installed_example(folder: &Path) -> bool {
@@ -281,6 +305,7 @@ impl SystemFile {
         FileKind::System.expect(&source)?;
         let mut file: Self = source.parse()?;
         let refuse = |problem: Problem| source.error(&problem);
+        check_name_of_service(path, &file.name).map_err(refuse)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         if file.runs == default_runs() && is_installed_example(folder) {
             file.runs = std::env::current_dir().unwrap_or_default().join("nims/runs");
@@ -357,6 +382,26 @@ mod tests {
         }
         let file = SystemFile::load(&configs.join("demo3.toml")).unwrap();
         assert_eq!(file.runs, join_normalized(&configs, Path::new("../../runs")));
+    }
+
+    #[test]
+    fn the_system_file_of_a_service_has_its_name() {
+        let check = |path: &str, name: &str| check_name_of_service(Path::new(path), name);
+        for (path, name) in [
+            ("/etc/nims/systems/lab.toml", "lab"),
+            // not of a service: an example, a copy in a run, a file of a user
+            ("/usr/share/nims/systems/lab.toml", "demo3"),
+            ("/var/lib/nims/runs/2026-01-01T00-00-00Z-lab/resolved.toml", "lab"),
+            ("/etc/nims/systems/old/lab.toml", "demo3"),
+            ("lab.toml", "demo3"),
+        ] {
+            assert_eq!(check(path, name), Ok(()), "{path}");
+        }
+        let refused = check("/etc/nims/systems/lab.toml", "demo3").unwrap_err();
+        assert_eq!(refused.key(), "name");
+        for word in ["\"demo3\"", "nims@lab", "\"lab\"", "demo3.toml"] {
+            assert!(refused.to_string().contains(word), "{refused}");
+        }
     }
 
     #[test]

@@ -60,7 +60,12 @@ pub fn run(args: &Args) -> Answer<Output> {
 pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
     match config_kind(path)? {
         FileKind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
-        FileKind::System => whole(&SystemFile::load(path).map_err(Failure::bad)?),
+        FileKind::System => {
+            let file = SystemFile::load(path).map_err(Failure::bad)?;
+            let mut findings = whole(&file)?;
+            findings.extend(file_name(path, &file));
+            Ok(findings)
+        }
         FileKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
         FileKind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
         FileKind::Measurements | FileKind::Loads => Err(Failure::BadInput(format!(
@@ -108,6 +113,17 @@ fn whole(file: &SystemFile) -> Answer<Vec<Finding>> {
     let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
     findings.extend(system(file)?);
     Ok(findings)
+}
+
+/// States how a system file has to be called where a service runs it: [`SystemFile::load`] refuses another name there.
+fn file_name(path: &Path, file: &SystemFile) -> Option<Finding> {
+    let (stem, name) = (path.file_stem()?.to_string_lossy(), &file.name);
+    (stem != name.as_str()).then(|| {
+        note(format!(
+            "the file is {stem}.toml and its `name` is \"{name}\"; for a service both have to be the same: {}/{name}.toml for nims@{name}",
+            config::OF_SERVICES
+        ))
+    })
 }
 
 /// States whether delay and lag of the drives are those of the identified file, or of the system file.
