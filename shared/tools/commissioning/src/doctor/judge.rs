@@ -32,7 +32,7 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
     }
     limits(machine, &mut findings);
     for port in &machine.ports {
-        findings.push(port_finding(port));
+        findings.push(port_finding(port, as_owner(machine)));
     }
     clocks(machine, &mut findings);
     if let Some(busy) = machine.busy {
@@ -46,7 +46,7 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
         });
     }
     if let Some(runs) = &machine.runs {
-        findings.push(disk_finding(runs));
+        findings.push(disk_finding(runs, as_owner(machine)));
         if !runs.open.is_empty() {
             let number = runs.open.len();
             findings.push(warning(
@@ -63,6 +63,12 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
     }
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.level as u8));
     findings
+}
+
+/// How to examine the machine as the user whose robot it is, where this is another one.
+fn as_owner(machine: &Machine) -> Option<String> {
+    let owner = machine.runs.as_ref()?.owner.as_ref()?;
+    Some(format!("the robot is that of the user {owner}, so examine it as this user: `sudo -u {owner} nims doctor SYSTEM`"))
 }
 
 /// Formats paths as arguments of a command; shortens a long list.
@@ -165,7 +171,9 @@ fn limits(machine: &Machine, findings: &mut Vec<Finding>) {
     match &machine.realtime_refused {
         Some(refused) => findings.push(warning(
             format!("the system refuses a setting of [realtime], so the control chain runs without it: {refused}"),
-            "permit it as described, or remove it from [realtime]; without it, other programs can delay cycles",
+            &as_owner(machine).unwrap_or_else(|| {
+                "permit it as described, or remove it from [realtime]; without it, other programs can delay cycles".to_owned()
+            }),
         )),
         None if limits.realtime_priority == Some(0) && machine.user != 0 => {
             let asked = if machine.runs.is_some() { ", and the system does not request it" } else { "" };
@@ -175,7 +183,7 @@ fn limits(machine: &Machine, findings: &mut Vec<Finding>) {
     }
 }
 
-fn port_finding(port: &PortFacts) -> Finding {
+fn port_finding(port: &PortFacts, as_owner: Option<String>) -> Finding {
     let PortFacts { number, path, group, .. } = port;
     if !port.exists {
         return error(
@@ -189,7 +197,9 @@ fn port_finding(port: &PortFacts) -> Finding {
     if !port.is_usable {
         return error(
             format!("port {number}: this user may not read and write {path}, which belongs to group {group}"),
-            &format!("`sudo usermod -aG $(getent group {group} | cut -d: -f1) $USER`, then log in again"),
+            &as_owner.unwrap_or_else(|| {
+                format!("`sudo usermod -aG $(getent group {group} | cut -d: -f1) $USER`, then log in again")
+            }),
         );
     }
     note(format!("port {number}: {path} can be used"))
@@ -227,13 +237,13 @@ fn clocks(machine: &Machine, findings: &mut Vec<Finding>) {
     }
 }
 
-fn disk_finding(runs: &Runs) -> Finding {
+fn disk_finding(runs: &Runs, as_owner: Option<String>) -> Finding {
     let Runs { folder, is_writable, free_bytes, least_bytes, .. } = runs;
     let folder = folder.display();
     if !is_writable {
         return error(
             format!("runs cannot be written to {folder}"),
-            "correct `runs` in the system file, or make this user the owner of the folder",
+            as_owner.as_deref().unwrap_or("correct `runs` in the system file, or make this user the owner of the folder"),
         );
     }
     if free_bytes < least_bytes {
@@ -288,6 +298,7 @@ mod tests {
             runs: Some(Runs {
                 folder: "/var/lib/nims".into(),
                 is_writable: true,
+                owner: None,
                 free_bytes: 50_000_000_000,
                 least_bytes: 500_000_000,
                 open: Vec::new(),
@@ -364,6 +375,24 @@ mod tests {
             if let Some(runs) = &mut machine.runs {
                 runs.is_writable = false;
             }
+        }));
+        // The robot of another user: no cure may take its folder, or open its ports to this user.
+        let of_nims = |machine: &mut Machine| {
+            if let Some(runs) = &mut machine.runs {
+                runs.owner = Some("nims".to_owned());
+            }
+        };
+        given.push(found(Level::Error, &["/var/lib/nims", "sudo -u nims nims doctor"], |machine| {
+            of_nims(machine);
+            machine.runs.as_mut().unwrap().is_writable = false;
+        }));
+        given.push(found(Level::Error, &["/dev/ttyUSB0", "sudo -u nims nims doctor"], |machine| {
+            of_nims(machine);
+            machine.ports[0].is_usable = false;
+        }));
+        given.push(found(Level::Warning, &["80", "sudo -u nims nims doctor"], |machine| {
+            of_nims(machine);
+            machine.realtime_refused = Some("SCHED_FIFO priority 80".to_owned());
         }));
         given.push(found(Level::Error, &["planner", "recorder", "cargo build"], |machine| {
             machine.programs_missing = vec!["planner".to_owned(), "recorder".to_owned()];

@@ -103,6 +103,8 @@ pub struct Runs {
     pub folder: PathBuf,
     /// Whether it, or the folder in which it would be created, is writable.
     pub is_writable: bool,
+    /// The user who owns it, if that is neither this user nor root: the robot runs as that one.
+    pub owner: Option<String>,
     /// Free space, bytes.
     pub free_bytes: u64,
     /// Free space below which nothing is recorded, bytes.

@@ -137,13 +137,16 @@ pub fn nearest_existing(runs: &Path) -> PathBuf {
 /// What the system file asks of the kernel; without one, what every system asks.
 pub fn wanted(root: &Path, file: Option<&SystemFile>) -> Wanted {
     let user = geteuid().as_raw();
-    let device = file.and_then(|file| fs::metadata(nearest_existing(&file.runs)).ok()).map(|found| found.dev());
+    let is_on_card = |file: &&SystemFile| {
+        let device = fs::metadata(nearest_existing(&file.runs)).map(|found| found.dev());
+        device.is_ok_and(|device| kernel::is_on_sd_card(root, (major(device), minor(device))))
+    };
     let name = std::env::var("USER").unwrap_or_default();
     Wanted {
         rate_hz: file.map_or(0.0, |file| file.rate_hz),
         cpu: file.and_then(|file| file.realtime.cpu),
         keeps_awake: file.is_some_and(|file| file.realtime.idle_latency_us.is_some()),
-        runs_on_sd_card: device.is_some_and(|device| kernel::is_on_sd_card(root, (major(device), minor(device)))),
+        runs_on_sd_card: file.filter(is_on_card).map(|file| file.runs.clone()),
         user,
         lingers: !name.is_empty() && root.join("var/lib/systemd/linger").join(name).exists(),
     }
@@ -151,13 +154,30 @@ pub fn wanted(root: &Path, file: Option<&SystemFile>) -> Wanted {
 
 fn runs(file: &SystemFile) -> Runs {
     let there = nearest_existing(&file.runs);
+    let owner = fs::metadata(&there).map(|found| found.uid()).ok();
     Runs {
         folder: file.runs.clone(),
         is_writable: there.is_dir() && access(&there, Access::WRITE_OK | Access::EXEC_OK).is_ok(),
+        owner: owner.filter(|owner| ![0, geteuid().as_raw()].contains(owner)).map(user_name),
         free_bytes: statvfs(&there).map_or(0, |room| room.f_bavail.saturating_mul(room.f_frsize)),
         least_bytes: file.recorder.min_free_bytes,
         open: [file.runs.clone(), file.state_folder()].iter().flat_map(|folder| open_in(folder)).collect(),
     }
+}
+
+/// The name of a user, or `#` and the number, which `sudo -u` takes too.
+fn user_name(user: u32) -> String {
+    let users = fs::read_to_string("/etc/passwd").unwrap_or_default();
+    named(&users, user).map_or_else(|| format!("'#{user}'"), str::to_owned)
+}
+
+/// The name of a user in the text of /etc/passwd, passwd(5): `name:password:UID:..`.
+fn named(users: &str, user: u32) -> Option<&str> {
+    let mut lines = users.lines().map(|line| line.split(':'));
+    lines.find_map(|mut fields| {
+        let name = fields.next()?;
+        (fields.nth(1)?.parse() == Ok(user)).then_some(name)
+    })
 }
 
 /// Returns the entries of a folder that other users may access; empty if they may not enter the folder itself.
@@ -216,6 +236,12 @@ mod tests {
         fs::set_permissions(&runs, fs::Permissions::from_mode(0o700)).unwrap();
         assert!(open_in(&runs).is_empty(), "other users cannot enter the folder");
         assert!(open_in(&runs.join("absent")).is_empty());
+    }
+
+    #[test]
+    fn the_owner_of_the_runs_is_named() {
+        let users = "root:x:0:0:root:/root:/bin/bash\nbad\nnims:x:998:998::/var/lib/nims:/usr/sbin/nologin\n";
+        assert_eq!((named(users, 998), named(users, 0), named(users, 5)), (Some("nims"), Some("root"), None));
     }
 
     #[test]

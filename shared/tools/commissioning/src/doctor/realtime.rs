@@ -4,6 +4,7 @@
 
 use super::kernel::{Kernel, Preemption, WORKERS_MASK, format_cpus, mask_of};
 use crate::finding::{Finding, note, warning};
+use std::path::PathBuf;
 
 /// Wake-up time of an idle state that takes a considerable part of a cycle of 4 ms, µs.
 const DEEP_IDLE_US: u32 = 100;
@@ -16,7 +17,7 @@ const RATE_OF_ORDINARY_KERNEL_HZ: f64 = 100.0;
 const FIRST_ORDINARY_USER: u32 = 1000;
 
 /// What the system file asks of the machine.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Wanted {
     /// Control rate, Hz; 0 without a system file.
     pub rate_hz: f64,
@@ -24,8 +25,8 @@ pub struct Wanted {
     pub cpu: Option<usize>,
     /// Whether the processors are kept from deep sleep.
     pub keeps_awake: bool,
-    /// Whether runs are recorded to an SD card.
-    pub runs_on_sd_card: bool,
+    /// The folder of the runs, where they are recorded to an SD card.
+    pub runs_on_sd_card: Option<PathBuf>,
     /// The user who runs the robot.
     pub user: u32,
     /// Whether the user's processes may outlive a session: systemd lets this user linger.
@@ -86,9 +87,11 @@ pub fn examine(kernel: &Kernel, wanted: &Wanted) -> Vec<Examined> {
             writes: vec![write],
         })
     }));
-    if wanted.runs_on_sd_card {
+    if let Some(runs) = &wanted.runs_on_sd_card {
         let card = "runs are recorded to an SD card, which stops for up to seconds and wears out".to_owned();
-        found.push(warning(card, "set `runs` in the system file to an SSD, NVMe or USB disk").into());
+        // Not another folder: a service may write to no other one.
+        let cure = format!("mount an SSD, NVMe or USB disk at {}, as docs/real-time.md says", runs.display());
+        found.push(warning(card, &cure).into());
     }
     if kernel.removes_ipc && wanted.user >= FIRST_ORDINARY_USER && !wanted.lingers {
         found.push(
@@ -235,7 +238,7 @@ mod tests {
     }
 
     const WANTED: Wanted =
-        Wanted { rate_hz: 250.0, cpu: Some(3), keeps_awake: false, runs_on_sd_card: false, user: 999, lingers: false };
+        Wanted { rate_hz: 250.0, cpu: Some(3), keeps_awake: false, runs_on_sd_card: None, user: 999, lingers: false };
 
     #[test]
     fn a_sound_machine_has_one_note() {
@@ -284,7 +287,9 @@ mod tests {
         let workers = "sys/devices/virtual/workqueue/cpumask";
         found(&["serial ports", "processor 3"], &[(workers, "8")], |kernel, _| kernel.workers_mask = "f".to_owned());
         found(&["serial ports", "processor 3"], &[(workers, "8")], |kernel, _| kernel.workers_mask = "7".to_owned());
-        found(&["SD card", "`runs`"], &[], |_, wanted| wanted.runs_on_sd_card = true);
+        found(&["SD card", "mount", "/var/lib/nims/runs"], &[], |_, wanted| {
+            wanted.runs_on_sd_card = Some("/var/lib/nims/runs".into());
+        });
         found(&["RemoveIPC", "enable-linger"], &[], |kernel, wanted| {
             (kernel.removes_ipc, wanted.user) = (true, 1000);
         });
