@@ -41,7 +41,8 @@ impl Machine {
         }
         // What it is asked goes to a file; it answers from another one.
         let asked = r#"echo "$(basename "$0") $*" >>"$NIMS_ROOT/asked""#;
-        let answer = r#"case "$*" in list-units*) cat "$NIMS_ROOT/units" ;; *is-enabled*) test -e "$NIMS_ROOT/enabled" ;; esac"#;
+        let answer =
+            r#"case "$*" in list-units*) cat "$NIMS_ROOT/units" ;; *is-enabled*) test -e "$NIMS_ROOT/enabled" ;; esac"#;
         for command in ["systemctl", "systemd-sysusers", "systemd-tmpfiles", "deb-systemd-helper", "udevadm"] {
             program(&machine.path("fake").join(command), &format!("{asked}\n{answer}"));
         }
@@ -135,11 +136,9 @@ impl Machine {
 fn a_version_of_which_a_program_runs_is_not_replaced() {
     let machine = Machine::with(OLD);
     let installed = machine.path("opt/nims").join(OLD).join("bin/nims");
-    for (program, unit) in [
-        ("motor-io", Some("nims@lab.service")),
-        ("supervisor", None),
-        ("gateway", Some("nims-gateway@lab.service")),
-    ] {
+    for (program, unit) in
+        [("motor-io", Some("nims@lab.service")), ("supervisor", None), ("gateway", Some("nims-gateway@lab.service"))]
+    {
         machine.process(7, OLD, program, unit);
         // the same files again: nothing to say
         let output = machine.add(OLD);
@@ -294,7 +293,8 @@ fn an_installation_by_the_script_is_removed_only_while_no_robot_is_armed() {
     let machine = Machine::with(OLD);
     machine.process(5, OLD, "motor-io", None);
     let install = host("../../scripts/install");
-    let remove = || machine.command(&install).arg("--root").arg(machine.folder.path()).arg("--remove").output().unwrap();
+    let remove =
+        || machine.command(&install).arg("--root").arg(machine.folder.path()).arg("--remove").output().unwrap();
     let output = remove();
     assert!(!output.status.success() && printed(&output).contains("process 5"), "{}", printed(&output));
     assert!(machine.path("opt/nims/current").exists());

@@ -68,7 +68,9 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
 /// How to examine the machine as the user whose robot it is, where this is another one.
 fn as_owner(machine: &Machine) -> Option<String> {
     let owner = machine.runs.as_ref()?.owner.as_ref()?;
-    Some(format!("the robot is that of the user {owner}, so examine it as this user: `sudo -u {owner} nims doctor SYSTEM`"))
+    Some(format!(
+        "the robot is that of the user {owner}, so examine it as this user: `sudo -u {owner} nims doctor SYSTEM`"
+    ))
 }
 
 /// Formats paths as arguments of a command; shortens a long list.
@@ -172,7 +174,8 @@ fn limits(machine: &Machine, findings: &mut Vec<Finding>) {
         Some(refused) => findings.push(warning(
             format!("the system refuses a setting of [realtime], so the control chain runs without it: {refused}"),
             &as_owner(machine).unwrap_or_else(|| {
-                "permit it as described, or remove it from [realtime]; without it, other programs can delay cycles".to_owned()
+                "permit it as described, or remove it from [realtime]; without it, other programs can delay cycles"
+                    .to_owned()
             }),
         )),
         None if limits.realtime_priority == Some(0) && machine.user != 0 => {
@@ -243,7 +246,9 @@ fn disk_finding(runs: &Runs, as_owner: Option<String>) -> Finding {
     if !is_writable {
         return error(
             format!("runs cannot be written to {folder}"),
-            as_owner.as_deref().unwrap_or("correct `runs` in the system file, or make this user the owner of the folder"),
+            as_owner
+                .as_deref()
+                .unwrap_or("correct `runs` in the system file, or make this user the owner of the folder"),
         );
     }
     if free_bytes < least_bytes {
