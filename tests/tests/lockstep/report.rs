@@ -5,6 +5,7 @@ use analysis::report::report;
 use command::Failure;
 use nims_tests::recorded::record;
 use nims_tests::scenarios::Case;
+use runlog::export::{ExportRequest, Format, export};
 use std::path::{Path, PathBuf};
 
 /// Long enough for the first legs of the mission.
@@ -99,6 +100,37 @@ fn one_run_several_and_a_torn_one() {
             .join(" ")
     };
     assert_eq!(ticks("Motor current", 1), ticks("Motor current", 2));
+}
+
+/// A time that one of them states finds its cycle in the others.
+#[test]
+fn all_outputs_count_seconds_from_the_start_of_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = run(folder.path(), "three", "lab3", "demo3", true);
+    let figures = report(std::slice::from_ref(&run), None).unwrap().value;
+    let worst = &figures["runs"][0]["deviations"][0];
+    let (at_s, cycle) = (worst["at_s"].as_f64().unwrap(), worst["cycle"].as_u64().unwrap());
+    let at_ns = replay::instant_of(&run, &at_s.to_string()).unwrap();
+    assert_eq!(replay::snapshot(&run, at_ns).unwrap().cycle, Some(cycle));
+    // The exported row of that time, and of that time only.
+    let request = ExportRequest {
+        format: Format::Csv,
+        folder: folder.path().join("tables"),
+        channels: vec!["motor/authority".to_owned()],
+        from_s: at_s - 1e-6,
+        to_s: at_s + 1e-6,
+    };
+    let exported = export(&run, &request, &mut |_, _| ()).unwrap();
+    let text = std::fs::read_to_string(&exported.tables[0].file).unwrap();
+    let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    let column = rows[0].iter().position(|name| *name == "cycle").unwrap();
+    assert_eq!((rows.len(), rows[1][column]), (2, cycle.to_string().as_str()), "{text}");
+    // The channel of the last sample ends where the run ends.
+    let info = runlog::info(&run).unwrap();
+    let last_s = info.channels.iter().map(|channel| channel.last_s).fold(0.0, f64::max);
+    assert!((info.first_s + info.duration_s - last_s).abs() < 1e-6 && info.first_s > 0.0, "{}", info.first_s);
+    let last_ns = replay::instant_of(&run, &last_s.to_string()).unwrap();
+    assert_eq!(Some(last_ns), info.started_unix_ns.map(|first_ns| first_ns + (info.duration_s * 1e9).round() as u64));
 }
 
 #[test]

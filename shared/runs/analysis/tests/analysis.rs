@@ -14,6 +14,7 @@ use runlog::{ChannelId, ChannelSpec, RunClock, RunWriter};
 use segments::segment_message;
 
 const PERIOD_NS: u64 = 10_000_000;
+const CLOCK: RunClock = RunClock { t0_unix_ns: 1_767_225_600_000_000_000, t0_mono_ns: 0 };
 /// Offset of the estimate from the setpoint, m.
 const ESTIMATE_OFF_M: f64 = 0.003;
 /// Offset of the truth from the setpoint, m.
@@ -29,7 +30,7 @@ fn stamped<T: Message>(mut sample: T, cycle: u64, stamp_ns: u64) -> T {
 fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
     let folder = tempfile::tempdir().unwrap();
     let mut writer =
-        RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
+        RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
     let channels = [
         writer.add_channel(&ChannelSpec::for_type::<PlanMotion>("plan/motion")).unwrap(),
         writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
@@ -105,7 +106,7 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
 fn a_run_without_motion_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let mut writer =
-        RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
+        RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
     let channel = writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap();
     let rest = stamped(MotorAuthority { period_s: 0.01, ..Default::default() }, 1, PERIOD_NS);
     writer.write(channel, 1, 1, 1, bytemuck::bytes_of(&rest)).unwrap();
@@ -129,7 +130,7 @@ impl Tape {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut writer =
-            RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
+            RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
         let channels = [
             writer.add_channel(&ChannelSpec::for_type::<PlanMotion>("plan/motion")).unwrap(),
             writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
@@ -273,7 +274,7 @@ fn a_run_shows_the_time_from_state_to_command() {
     const CYCLES: u64 = 200;
     let folder = tempfile::tempdir().unwrap();
     let mut writer =
-        RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
+        RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
     let channels = [
         writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
         writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap(),

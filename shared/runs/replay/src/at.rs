@@ -7,7 +7,7 @@ use messages::{
     ControlStatus, Message, MotorAuthority, MotorInput, MotorSlots, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES,
     channel_of,
 };
-use runlog::{Instant, KeptSample, RunClock, RunReader, utc};
+use runlog::{Instant, KeptSample, RunClock, RunReader, seconds_since, utc};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
@@ -20,7 +20,7 @@ const SHOWN: usize = 8;
 pub struct Entry {
     /// Channel name.
     pub channel: String,
-    /// Publication time, s since the start of the run; negative if it was before the first file.
+    /// Publication time, s since the start of the run.
     pub time_s: f64,
     /// All fields.
     pub sample: Value,
@@ -60,13 +60,15 @@ pub struct Snapshot {
 /// The text is neither, or the run has no sample.
 pub fn instant_of(run: &Path, text: &str) -> Answer<u64> {
     let mut reader = RunReader::open(run).map_err(Failure::bad)?;
-    let first = reader.next_sample().map_err(Failure::not_now)?;
-    let begin_ns = first.ok_or_else(|| Failure::NotNow(format!("{} has no sample", run.display())))?.log_time_ns;
+    if reader.next_sample().map_err(Failure::not_now)?.is_none() {
+        return Err(Failure::NotNow(format!("{} has no sample", run.display())));
+    }
+    let begin_ns = reader.begin_ns().unwrap_or(0);
     if let Some(at_ns) = runlog::unix_ns(text) {
         return Ok(at_ns);
     }
     match text.trim().parse::<f64>() {
-        Ok(at_s) if (0.0..1e7).contains(&at_s) => Ok(begin_ns + (at_s * 1e9) as u64),
+        Ok(at_s) if (0.0..1e7).contains(&at_s) => Ok(begin_ns.saturating_add((at_s * 1e9).round() as u64)),
         _ => Err(Failure::BadInput(format!(
             "--at is {text}; accepted: seconds since the start of the run, or UTC like {}",
             utc(begin_ns)
@@ -80,16 +82,19 @@ pub fn instant_of(run: &Path, text: &str) -> Answer<u64> {
 /// The run cannot be read, or the instant is before its first sample.
 pub fn snapshot(run: &Path, at_ns: u64) -> Answer<Snapshot> {
     let mut reader = RunReader::open(run).map_err(Failure::bad)?;
-    let begin_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(at_ns, |first| first.log_time_ns);
-    let clock = reader.clock();
+    let first_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(at_ns, |first| first.log_time_ns);
+    let (begin_ns, clock) = (reader.begin_ns().unwrap_or(first_ns), reader.clock());
     let instant = Instant::read(run, at_ns).map_err(Failure::not_now)?;
     if instant.samples.is_empty() {
-        let (at, begin) = (utc(at_ns), utc(begin_ns));
-        return Err(Failure::BadInput(format!("--at is {at}, and the run begins at {begin}: give a later time")));
+        return Err(Failure::BadInput(format!(
+            "--at is {}, and the first sample of the run is at {}: give a later time",
+            place(begin_ns, at_ns),
+            place(begin_ns, first_ns)
+        )));
     }
     let view = View { instant: &instant, begin_ns, clock };
     Ok(Snapshot {
-        at_s: seconds(begin_ns, at_ns),
+        at_s: seconds_since(at_ns, begin_ns),
         at_unix_ns: at_ns,
         at_utc: utc(at_ns),
         cycle: view.newest::<MotorAuthority>("motor/authority").map(|authority| authority.header.cycle),
@@ -98,8 +103,9 @@ pub fn snapshot(run: &Path, at_ns: u64) -> Answer<Snapshot> {
     })
 }
 
-fn seconds(begin_ns: u64, at_ns: u64) -> f64 {
-    (i128::from(at_ns) - i128::from(begin_ns)) as f64 * 1e-9
+/// Returns a UNIX time as seconds of the run and as UTC.
+fn place(begin_ns: u64, at_ns: u64) -> String {
+    format!("{:.3} s ({})", seconds_since(at_ns, begin_ns), utc(at_ns))
 }
 
 /// The samples of an instant by process.
@@ -118,7 +124,7 @@ impl View<'_> {
         let schema = Schema::parse(&kept.channel.schema).ok();
         Entry {
             channel: kept.channel.name.clone(),
-            time_s: seconds(self.begin_ns, published_unix_ns(kept, schema.as_ref(), self.clock)),
+            time_s: seconds_since(published_unix_ns(kept, schema.as_ref(), self.clock), self.begin_ns),
             sample: sample_value(schema.as_ref(), &kept.sample),
         }
     }
@@ -313,13 +319,16 @@ mod tests {
     fn a_sample_that_a_new_file_repeats_has_the_time_of_its_publication() {
         let at = |unix_s: u64| (1_700_000_000 + unix_s) * SECOND_NS;
         let folder = tempfile::tempdir().unwrap();
-        // The file before is missing: the run begins at 10 s with what was published at 2.25 s.
+        // The file before is missing: this one begins at 10 s with what was published at 2.25 s.
         write(folder.path(), 10 * SECOND_NS, 12 * SECOND_NS, 2_250_000_000);
+        // Its seconds are those of the whole run.
+        assert_eq!(instant_of(folder.path(), "11").unwrap(), at(11));
         let snapshot = snapshot(folder.path(), at(11)).unwrap();
+        assert_eq!(snapshot.at_s, 11.0);
         let time_s = output_time_s(&snapshot, "system/config/planner");
-        assert!((time_s + 7.75).abs() < 1e-6, "{time_s} s");
+        assert!((time_s - 2.25).abs() < 1e-6, "{time_s} s");
         let time_s = output_time_s(&snapshot, "motor/authority");
-        assert!((time_s - 1.0).abs() < 1e-6, "{time_s} s: not after the instant");
+        assert!((time_s - 11.0).abs() < 1e-6, "{time_s} s: not after the instant");
     }
 
     #[test]
@@ -327,7 +336,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         write(folder.path(), 10 * SECOND_NS, 12 * SECOND_NS, 0);
         let snapshot = snapshot(folder.path(), (1_700_000_000 + 11) * SECOND_NS).unwrap();
-        assert!(output_time_s(&snapshot, "system/config/planner").abs() < 1e-6);
+        assert!((output_time_s(&snapshot, "system/config/planner") - 10.0).abs() < 1e-6);
     }
 
     #[test]
@@ -343,7 +352,7 @@ mod tests {
             assert_eq!(inputs, [&Value::from(995 + cycles), &Value::from(994 + cycles)], "{cycles} cycles later");
             assert_eq!(snapshot.cycle, Some(1000 + cycles));
             let time_s = output_time_s(&snapshot, "system/config/planner");
-            assert!(time_s.abs() < 1e-6, "the run begins with it, not {time_s} s later");
+            assert!((time_s - 2.0).abs() < 1e-6, "the file before begins with it, not at {time_s} s");
         }
     }
 }

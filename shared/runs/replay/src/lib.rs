@@ -95,7 +95,7 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     let recorded_by = reader.metadata().get("nims_version").cloned();
     let total = reader.bytes().max(1) as f64;
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
-    let mut replay = Replay::new(configuration, !changes.is_empty());
+    let mut replay = Replay { begin_ns: reader.begin_ns(), ..Replay::new(configuration, !changes.is_empty()) };
     let mut count = 0_u64;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
         replay.add(&recorded);
@@ -167,6 +167,7 @@ struct Replay {
     estimate: [Channel<NodeEstimate>; SLOTS],
     command: [Channel<MotorCommand>; SLOTS],
     control: [Channel<ControlStatus>; SLOTS],
+    /// UNIX time from which the run counts, ns; without a clock the log time of its first sample.
     begin_ns: Option<u64>,
     newest_ns: u64,
     processed_ns: u64,

@@ -125,6 +125,15 @@ pub fn unix_ns(utc: &str) -> Option<u64> {
     Some((days * 86_400 + hour * 3600 + minute * 60 + second) * 1_000_000_000 + nanoseconds)
 }
 
+/// Seconds from one UNIX time in ns to another; negative if it is earlier.
+#[must_use]
+pub fn seconds_since(unix_ns: u64, begin_ns: u64) -> f64 {
+    // divided, not multiplied by 1e-9, so that whole milliseconds are the nearest floating-point numbers to their
+    // decimals
+    let span = |from: u64, to: u64| (to - from) as f64 / 1e9;
+    if unix_ns >= begin_ns { span(begin_ns, unix_ns) } else { -span(unix_ns, begin_ns) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::folder::{is_held, silent_s};
 use crate::read::{RecordedChannel, RecordedSample, RunReader};
-use crate::{Damage, Finding, MissingData, RunError, Sequence, utc};
+use crate::{Damage, Finding, MissingData, RunError, Sequence, seconds_since, utc};
 
 /// One file of the run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -90,6 +90,10 @@ pub struct RunReport {
     pub started: Option<String>,
     /// The same as UNIX time, ns.
     pub started_unix_ns: Option<u64>,
+    /// UNIX time from which the seconds of the run count, ns; see [`RunReader::begin_ns`].
+    pub begin_unix_ns: Option<u64>,
+    /// First sample, s since the start of the run: some seconds in a whole run, more in a later file that is read alone.
+    pub first_s: f64,
     /// Time from the first to the last sample, s.
     pub duration_s: f64,
     /// Largest total time of gaps among the fast channels, s.
@@ -218,13 +222,13 @@ pub fn info_with(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<RunR
     Ok(inspection.report(&reader))
 }
 
-fn gap_report(gap: &RecorderGap, reader: &RunReader, begin_ns: u64) -> GapReport {
+fn gap_report(gap: &RecorderGap, reader: &RunReader, [begin_ns, first_ns]: [u64; 2]) -> GapReport {
     let unix = |mono: u64| reader.clock().map_or(mono, |clock| clock.unix_of(mono));
     GapReport {
         channel: text_of(&gap.channel),
         missing: gap.missing,
         // Samples missing from before the file began count as missing from its beginning.
-        at_s: ((unix(gap.last_ns) as f64 - begin_ns as f64) * 1e-9).max(0.0),
+        at_s: seconds_since(unix(gap.last_ns).max(first_ns), begin_ns),
         lasted_s: gap.next_ns.saturating_sub(gap.last_ns) as f64 * 1e-9,
         cause: cause_phrase(gap.cause),
     }
@@ -253,8 +257,8 @@ fn channel_report(channel: &RecordedChannel, count: &Count, begin_ns: u64) -> Ch
         messages: count.messages,
         bytes: count.bytes,
         rate_hz: regular.then(|| (count.messages - 1) as f64 / span),
-        first_s: seconds(count.first_ns - begin_ns),
-        last_s: seconds(count.last_ns - begin_ns),
+        first_s: seconds_since(count.first_ns, begin_ns),
+        last_s: seconds_since(count.last_ns, begin_ns),
         longest_silence_s: seconds(count.silence_ns),
         lost: count.sequence.lost,
         gaps: count.sequence.gaps,
@@ -278,7 +282,8 @@ fn report(
     bounds: Option<(u64, u64)>,
     gaps: &[RecorderGap],
 ) -> RunReport {
-    let begin = bounds.map_or(0, |(first, _)| first);
+    let first = bounds.map_or(0, |(first, _)| first);
+    let begin = reader.begin_ns().unwrap_or(first);
     let mut channels: Vec<ChannelReport> =
         counts.iter().map(|(channel, count)| channel_report(channel, count, begin)).collect();
     channels.sort_by(|a, b| (&a.name, &a.schema).cmp(&(&b.name, &b.schema)));
@@ -298,6 +303,8 @@ fn report(
         findings,
         started: bounds.map(|(first, _)| utc(first)),
         started_unix_ns: bounds.map(|(first, _)| first),
+        begin_unix_ns: reader.begin_ns(),
+        first_s: if bounds.is_some() { seconds_since(first, begin) } else { 0.0 },
         duration_s: bounds.map_or(0.0, |(first, last)| seconds(last - first)),
         unrecorded_s,
         recording: files.iter().any(|file| file.recording),
@@ -307,7 +314,7 @@ fn report(
         sample_bytes: channels.iter().map(|channel| channel.bytes).sum(),
         files,
         channels,
-        gaps: gaps.iter().map(|gap| gap_report(gap, reader, begin)).collect(),
+        gaps: gaps.iter().map(|gap| gap_report(gap, reader, [begin, first])).collect(),
         attachments: reader.attachments().iter().map(|attachment| attachment.name.clone()).collect(),
         about: reader.metadata().clone(),
         ended: reader.ends().last().and_then(|end| end.get("reason").cloned()),

@@ -59,7 +59,7 @@ mod write;
 pub use attachments::{
     ATTACHED_ENDINGS, ATTACHED_FOLDERS, SYSTEM_FILE, is_system_file, run_attachments, system_file_text,
 };
-pub use clock::{RunClock, published_ns, unix_ns, utc};
+pub use clock::{RunClock, published_ns, seconds_since, unix_ns, utc};
 pub use conversion::Conversion;
 pub use definition::{ChannelSpec, Definition, Definitions, SchemaRefusal};
 pub use error::{NotARunReason, RunError};

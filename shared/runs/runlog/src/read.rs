@@ -107,6 +107,7 @@ pub struct RunReader {
     repeats: Option<Duplicates>,
     schemas: HashMap<u16, (String, String)>,
     clock: Option<RunClock>,
+    begin_ns: Option<u64>,
     about: BTreeMap<String, String>,
     end: Vec<BTreeMap<String, String>>,
     attachments: Vec<Attachment>,
@@ -134,6 +135,7 @@ impl RunReader {
             all: Vec::new(),
             schemas: HashMap::new(),
             clock: None,
+            begin_ns: None,
             about: BTreeMap::new(),
             end: Vec::new(),
             attachments: Vec::new(),
@@ -145,6 +147,7 @@ impl RunReader {
         reader.open_next()?;
         reader.about = first_about(&reader.path).unwrap_or_default();
         reader.clock = RunClock::from_about(&reader.about);
+        reader.begin_ns = reader.clock.map(|clock| clock.t0_unix_ns);
         Ok(reader)
     }
 
@@ -195,6 +198,7 @@ impl RunReader {
             }
         };
         let (index, sequence, log_time_ns, publish_time_ns) = found;
+        self.begin_ns.get_or_insert(log_time_ns);
         let sample = self.scanner.as_ref().and_then(Scanner::last_data).unwrap_or_default();
         let sample = sample.strip_prefix(&CDR_HEADER).unwrap_or(sample);
         Ok(self.all.get(index).map(|channel| RecordedSample {
@@ -271,6 +275,14 @@ impl RunReader {
     #[must_use]
     pub fn clock(&self) -> Option<RunClock> {
         self.clock
+    }
+
+    /// UNIX time from which every output counts the seconds of the run, ns: `t0_unix_ns` of its first file, so that a
+    /// file read alone has the same seconds as in its run. Without a clock it is the log time of the first sample;
+    /// `None` before that.
+    #[must_use]
+    pub fn begin_ns(&self) -> Option<u64> {
+        self.begin_ns
     }
 
     /// Metadata of the run: origin, content, versions.

@@ -108,19 +108,20 @@ pub fn share_axes<'a>(figures: impl Iterator<Item = &'a mut Figure>) {
 struct TimeAxis {
     label: &'static str,
     factor: f64,
-    end: f64,
+    ends: [f64; 2],
     marks: Vec<f64>,
 }
 
 impl TimeAxis {
     fn new(run: &RunData) -> Self {
-        let end_s = run.recording.duration_s.max(1e-3);
+        let begin_s = run.recording.first_s;
+        let end_s = begin_s + run.recording.duration_s.max(1e-3);
         let (label, factor) = match end_s < MINUTES_FROM_S {
             true => ("time since the start of the run, s", 1.0),
             false => ("time since the start of the run, min", 1.0 / 60.0),
         };
         let marks = run.events.all().iter().filter(|event| event.kind == EventKind::Mark);
-        Self { label, factor, end: factor * end_s, marks: marks.map(|mark| factor * mark.time_s).collect() }
+        Self { label, factor, ends: [factor * begin_s, factor * end_s], marks: marks.map(|mark| factor * mark.time_s).collect() }
     }
 
     /// Creates a figure over time, with the marks of operators.
@@ -129,7 +130,7 @@ impl TimeAxis {
     }
 
     fn axis(&self) -> Axis {
-        Axis::fixed(self.label, 0.0, self.end)
+        Axis::fixed(self.label, self.ends[0], self.ends[1])
     }
 
     /// Creates a chart over time; the first trace is drawn first.
@@ -251,7 +252,7 @@ pub fn cables(run: &RunData) -> Vec<Figure> {
         let highest =
             run.cables.iter().filter_map(|cable| cable.tension.extremes()).map(|[_, high]| high).fold(0.0, f64::max);
         for limit in robot.tension_limits_n().into_iter().filter(|limit| *limit < 1.3 * highest) {
-            let ends = vec![[0.0, limit], [time.end, limit]];
+            let ends = time.ends.map(|end| [end, limit]).to_vec();
             tensions.series.push(Series::line("limit", BLACK, ends).with_style(SeriesStyle::Dashed));
         }
     }

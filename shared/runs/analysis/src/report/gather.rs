@@ -19,7 +19,7 @@ use messages::{
     SystemConfig, text_of,
 };
 use robot_state::{DriveUnit, Periods, Reason};
-use runlog::{RecordedSample, RunInspection, RunReader, RunReport};
+use runlog::{RecordedSample, RunInspection, RunReader, RunReport, seconds_since};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -212,7 +212,7 @@ impl RunData {
     /// Returns a time since the start of the run as UTC.
     #[must_use]
     pub fn utc(&self, time_s: f64) -> Option<String> {
-        let begin_ns = self.recording.started_unix_ns?;
+        let begin_ns = self.recording.begin_unix_ns?;
         Some(runlog::utc(begin_ns.saturating_add_signed((time_s * 1e9) as i64)))
     }
 
@@ -251,6 +251,7 @@ pub fn gather(run: &Path, between: Option<[f64; 2]>, progress: &mut dyn FnMut(f6
     let mut inspection = RunInspection::default();
     let mut tracker = Tracker::default();
     let mut collector = Collector::new()?;
+    collector.begin_ns = reader.begin_ns();
     collector.data.deviations = Deviations::new(between);
     // A system file that this program does not accept leaves the ranges of the sensors unknown.
     collector.data.sensors = Sensors::new(crate::map::sensor_settings(run).unwrap_or_default());
@@ -289,7 +290,7 @@ pub(super) fn blank() -> RunData {
 
 /// Collects the samples of a run.
 struct Collector {
-    /// Log time of the first sample, UNIX, ns.
+    /// UNIX time from which the run counts, ns; without a clock the log time of the first sample.
     begin_ns: Option<u64>,
     /// The same instant on the clock of the stamps, ns.
     mono_ns: Option<i128>,
@@ -364,7 +365,7 @@ impl Collector {
     /// Returns the log time of a sample since the start, s.
     fn logged_s(&self, recorded: &RecordedSample<'_>) -> f64 {
         let begin_ns = self.begin_ns.unwrap_or(recorded.log_time_ns);
-        (i128::from(recorded.log_time_ns) - i128::from(begin_ns)) as f64 * 1e-9
+        seconds_since(recorded.log_time_ns, begin_ns)
     }
 
     /// Returns the time of a stamp since the start, s.

@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 use messages::blob::BlobType;
 use serde::Serialize;
 
-use crate::{NotARunReason, RecordedChannel, RunError, RunReader};
+use crate::{NotARunReason, RecordedChannel, RunError, RunReader, seconds_since};
 use sink::Sink;
 use table::{Table, Times};
 
@@ -129,16 +129,15 @@ pub fn export(
     let mut channels: HashMap<usize, Channel> = HashMap::new();
     let mut names: Vec<String> = Vec::new();
     let mut result = ExportResult::default();
-    let (mut begin_ns, mut read, mut waiting) = (None, 0_u64, 0);
+    let (mut read, mut waiting) = (0_u64, 0);
     loop {
         read += 1;
         if read.is_multiple_of(PROGRESS_SAMPLES) {
             progress(reader.position(), reader.bytes());
         }
-        let clock = reader.clock();
+        let begin_ns = reader.begin_ns();
         let Some(recorded) = reader.next_sample()? else { break };
-        let begin = *begin_ns.get_or_insert(clock.map_or(recorded.log_time_ns, |clock| clock.t0_unix_ns));
-        let t_s = seconds_since(recorded.log_time_ns, begin);
+        let t_s = seconds_since(recorded.log_time_ns, begin_ns.unwrap_or(recorded.log_time_ns));
         if !(wanted.from_s..wanted.to_s).contains(&t_s) || !is_wanted(&wanted.channels, &recorded.channel.name) {
             continue;
         }
@@ -271,11 +270,4 @@ fn nothing_found(reader: &RunReader, wanted: &ExportRequest) -> NotARunReason {
     } else {
         NotARunReason::NoSampleThen
     }
-}
-
-fn seconds_since(unix_ns: u64, begin_ns: u64) -> f64 {
-    // divided, not multiplied by 1e-9, so that whole milliseconds are the nearest floating-point numbers to their
-    // decimals
-    let span = |from: u64, to: u64| (to - from) as f64 / 1e9;
-    if unix_ns >= begin_ns { span(begin_ns, unix_ns) } else { -span(unix_ns, begin_ns) }
 }
