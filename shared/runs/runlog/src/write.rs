@@ -96,7 +96,7 @@ impl RunWriter {
     /// attachments.
     ///
     /// # Errors
-    /// The file already exists, or cannot be written.
+    /// The file already exists, finished or not, or cannot be written.
     pub fn create(
         path: &Path,
         clock: RunClock,
@@ -109,9 +109,14 @@ impl RunWriter {
             .create_new(true)
             .open(&part)
             .map_err(RunError::io(&part, "create the run file"))?;
-        let made = Self::begin(path, file, clock, about, attachments);
+        // Tested after the creation: a file that another thread finishes meanwhile has one of the two names all the time.
+        let made = match path.try_exists() {
+            Ok(false) => Self::begin(path, file, clock, about, attachments),
+            Ok(true) => Err(RunError::io(path, "create the run file")(io::ErrorKind::AlreadyExists.into())),
+            Err(error) => Err(RunError::io(path, "look for the run file")(error)),
+        };
         if made.is_err() {
-            // a full disk: a file without a complete beginning is useless
+            // a full disk, or a finished file of this name: a file without a complete beginning is useless
             let _ = fs::remove_file(&part);
         }
         made

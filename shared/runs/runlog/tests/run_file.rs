@@ -319,12 +319,20 @@ fn what_is_not_a_run_file_is_refused() {
     fs::write(&other, "x").unwrap();
     let error = recover(&other, &mut quiet).unwrap_err();
     assert!(matches!(&error, RunError::NotARun { path, what: NotARunReason::Name } if *path == other), "{error}");
+    fs::remove_file(&path).unwrap();
     let writer = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]).unwrap();
     let twice = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]);
     let error = twice.err().unwrap();
     let (part, exists) = (folder.path().join("note.mcap.part"), std::io::ErrorKind::AlreadyExists);
     assert!(matches!(&error, RunError::Io { path, source, .. } if *path == part && source.kind() == exists), "{error}");
     drop(writer);
+    // A finished file is not replaced either.
+    assert!(RunWriter::create(&other.with_file_name("done.mcap"), RunClock::now(), &BTreeMap::new(), &[]).is_ok());
+    let (done, part) = (folder.path().join("done.mcap"), folder.path().join("done.mcap.part"));
+    fs::rename(&part, &done).unwrap();
+    let error = RunWriter::create(&done, RunClock::now(), &BTreeMap::new(), &[]).err().unwrap();
+    assert!(matches!(&error, RunError::Io { path, source, .. } if *path == done && source.kind() == exists), "{error}");
+    assert!(done.exists() && !part.exists());
 }
 
 #[test]

@@ -37,7 +37,8 @@ use variants::Variant;
 /// Flies every variant and returns their table.
 ///
 /// # Errors
-/// A file or an option that is not accepted, a folder that cannot be written; and, beside the table, a flight that did
+/// A file or an option that is not accepted, a folder that has flights already or cannot be written; and, beside the
+/// table, a flight that did
 /// not reach the end of its mission.
 pub fn run(args: &Args) -> Answer<Output> {
     // The folder of a table alone is needed only while it flies.
@@ -52,6 +53,13 @@ pub fn run(args: &Args) -> Answer<Output> {
     if args.steps {
         steps::serve(args, &folder, std::io::stdin().lock(), std::io::BufWriter::new(std::io::stdout().lock()))?;
         return Ok(Output::new(serde_json::Value::Null, ""));
+    }
+    if let (Some(out), Some((_, flight))) = (&args.out, variants::last_flight(&folder)) {
+        return Err(Failure::BadInput(format!(
+            "{} has flights already, such as {}; choose another folder with --out, or remove it",
+            out.display(),
+            flight.display()
+        )));
     }
     let variants = args.variants()?;
     let file = SystemFile::load(&args.system).map_err(Failure::bad)?;

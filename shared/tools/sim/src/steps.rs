@@ -21,7 +21,7 @@ use crate::args::Args;
 use crate::fly;
 use crate::observation::{Fields, FollowedLaw, Wishes, fields, observe};
 use crate::tape::Tape;
-use crate::variants::product;
+use crate::variants::{last_flight, product};
 
 /// Most cycles of one request: an hour at 100 Hz.
 const MOST_CYCLES: usize = 360_000;
@@ -82,7 +82,9 @@ pub(crate) fn serve(args: &Args, folder: &Path, input: impl BufRead, output: imp
 }
 
 fn try_serve(args: &Args, folder: &Path, mut input: impl BufRead, mut output: impl Write) -> Result<()> {
-    let (mut session, mut number, mut line) = (None::<Session>, 0, String::new());
+    let (mut session, mut line) = (None::<Session>, String::new());
+    // An earlier program may have left flights in the folder.
+    let mut number = last_flight(folder).map_or(0, |(number, _)| number);
     let mut numbers: Vec<f64> = Vec::new();
     loop {
         line.clear();

@@ -168,13 +168,14 @@ impl Variant {
         format!("{:03}-{name}", self.number)
     }
 
-    /// Writes the files into a folder of its own below `out`, and returns that folder.
+    /// Writes the files into a new folder below `out`, and returns that folder.
     ///
     /// # Errors
-    /// As [`Variant::write`].
+    /// The folder exists already, or as [`Variant::write`].
     pub(crate) fn prepare(&self, system: &Path, robot: &Path, out: &Path) -> Answer<PathBuf> {
         let folder = out.join(self.folder_name());
-        fs::create_dir_all(&folder).map_err(|error| files::cannot_write(&folder, &error))?;
+        fs::create_dir_all(out).map_err(|error| files::cannot_write(out, &error))?;
+        fs::create_dir(&folder).map_err(|error| files::cannot_write(&folder, &error))?;
         self.write(system, robot, &folder)?;
         Ok(folder)
     }
@@ -206,6 +207,21 @@ impl Variant {
         }
         Ok(())
     }
+}
+
+/// Returns number and folder of the last flight in `out` that an earlier command flew; `None` without one.
+#[must_use]
+pub(crate) fn last_flight(out: &Path) -> Option<(usize, PathBuf)> {
+    let entries = fs::read_dir(out).ok()?.filter_map(Result::ok).filter(|entry| entry.path().is_dir());
+    let numbered = entries.filter_map(|entry| Some((flight_number(entry.file_name().to_str()?)?, entry.path())));
+    numbered.max()
+}
+
+/// Returns the number of a flight by the name of its folder; `None` for other folders, such as `2026-05-04T09-30-00Z-demo3`.
+fn flight_number(name: &str) -> Option<usize> {
+    let (number, flight) = name.split_once('-')?;
+    let is_flight = number.len() >= 3 && flight.starts_with(|first: char| !first.is_ascii_digit());
+    number.parse().ok().filter(|_| is_flight)
 }
 
 fn is_of_robot(key: &str) -> bool {
@@ -271,6 +287,17 @@ mod tests {
         assert_eq!(folders.len(), 12);
         assert!(folders.iter().all(|name| !name.contains(['/', ' ', '['])), "{folders:?}");
         assert_eq!(product(&[], &[], &[], CALM).len(), 1);
+    }
+
+    #[test]
+    fn flights_of_an_earlier_command_are_found_by_their_numbers() {
+        let out = tempfile::tempdir().unwrap();
+        assert_eq!(last_flight(&out.path().join("nothing")), None);
+        for name in ["sim.json", "001-as-configured", "1000-world-7", "02-other", "2026-05-04T09-30-00Z-demo3"] {
+            fs::create_dir(out.path().join(name)).unwrap();
+        }
+        fs::write(out.path().join("2000-a-file"), "").unwrap();
+        assert_eq!(last_flight(out.path()), Some((1000, out.path().join("1000-world-7"))));
     }
 
     #[test]
