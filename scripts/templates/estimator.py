@@ -10,12 +10,16 @@ BRIDGED_CYCLES = 3
 
 # Of each cable that was read: length (m), velocity (m/s), time (ns) and cycle of the newest reading.
 states = {}
+# Cables whose next reading may differ by any amount: the question says so once, and a cable may have no reading then.
+anything = set()
 
 
 def estimate(asked):
     """Length and velocity dL/dt (above 0 pays out) of each cable at the instant, or None."""
     if asked.forget:
         states.clear()
+    if asked.expect_anything:
+        anything.update(range(len(asked.lengths_m)))
     return [cable(asked, i) for i in range(len(asked.lengths_m))]
 
 
@@ -24,7 +28,8 @@ def cable(asked, i):
     if length_m is not None:
         velocity_m_s = 0.0
         # After a long silence, or where the lengths were set again, it begins at rest with the reading.
-        last = None if asked.expect_anything else states.get(i)
+        last = None if i in anything else states.get(i)
+        anything.discard(i)
         if last and asked.cycle - last[3] <= BRIDGED_CYCLES and sampled_ns > last[2]:
             passed_s = (sampled_ns - last[2]) * 1e-9
             expected_m = last[0] + last[1] * passed_s
