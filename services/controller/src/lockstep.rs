@@ -189,6 +189,56 @@ pub fn serve(law: &mut dyn CableLaw, questions: impl BufRead, answers: impl Writ
     let parameters = Parameters { parameters: law.parameters() };
     let begin = |Hello { system, .. }| Ok((SystemFile::load(&system)?.robot_file()?.robot()?, parameters));
     program_pipe::serve(questions, answers, begin, |robot: &mut Robot, question: Question| {
-        question.answer(robot, law).map(|velocity| velocity.to_vec())
+        let velocity = question.answer(robot, law).map(|velocity| velocity.to_vec());
+        // JSON has no other numbers, and a velocity that is none of them is no answer.
+        velocity.filter(|velocity| velocity.iter().all(|number| number.is_finite()))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use cable_robot::Vector3;
+    use std::path::Path;
+
+    /// Answers in the cycles 1, 2 and 3.
+    struct Answers([Option<[f64; 3]>; 3]);
+
+    impl CableLaw for Answers {
+        fn velocity(&mut self, asked: &LawInput<'_>) -> Option<CableVec> {
+            let answer = self.0[asked.estimate.header.cycle as usize - 1]?;
+            CableVec::from_slice(&answer).ok()
+        }
+    }
+
+    #[test]
+    fn an_answer_that_is_not_finite_is_none() {
+        let system = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems/demo3.toml");
+        let zero = Vector3::zeros();
+        let setpoint = Setpoint {
+            position: zero,
+            velocity: zero,
+            acceleration: zero,
+            segment_id: 1,
+            path_s_m: 0.0,
+            at_rest: true,
+        };
+        let robot = SystemFile::load(&system).unwrap().robot_file().unwrap().robot().unwrap();
+        let mut lines = vec![serde_json::to_string(&Hello { system, cables: 3 }).unwrap()];
+        for cycle in 1..=3 {
+            let mut estimate = NodeEstimate::default();
+            estimate.header.cycle = cycle;
+            let (now_held, ahead_held) = (None, None);
+            let (period_s, horizon_s, estimate) = (0.01, 0.2, &estimate);
+            let (robot, now, ahead) = (&robot, &setpoint, &setpoint);
+            let input = LawInput { slot: 0, robot, period_s, horizon_s, estimate, now, ahead, now_held, ahead_held };
+            lines.push(serde_json::to_string(&Question::from(&input)).unwrap());
+        }
+        let mut law = Answers([Some([0.25; 3]), Some([0.25, f64::NAN, 0.25]), Some([f64::INFINITY; 3])]);
+        let mut answers = Vec::new();
+        serve(&mut law, lines.join("\n").as_bytes(), &mut answers).unwrap();
+        let answers = String::from_utf8(answers).unwrap();
+        assert_eq!(answers.lines().skip(1).collect::<Vec<_>>(), ["[0.25,0.25,0.25]", "null", "null"]);
+    }
 }

@@ -9,7 +9,9 @@ use nims_sim::Args;
 use nims_tests::lockstep::{Chain, fly_chain};
 use nims_tests::scenarios::planar;
 use serde_json::Value;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 #[derive(Parser)]
 struct Cli {
@@ -86,6 +88,57 @@ fn a_run_is_one_that_reports_and_replays_open() {
     assert_eq!(flights(&again), flights(&output), "the same files, other figures");
 }
 
+/// The lines of the page: the shell finds the runs, and not the table and the charts beside them.
+#[test]
+fn the_lines_for_continuous_integration_check_every_flight() {
+    let page = std::fs::read_to_string(project().join("docs/analysis.md")).unwrap();
+    let words = |beginning: &str| -> Vec<String> {
+        let line = page.lines().find(|line| line.starts_with(beginning)).unwrap();
+        line.split(' ').skip(2).map(str::to_owned).collect()
+    };
+    let [system, out, name] = &words("nims sim ")[..] else { panic!("{page}") };
+    let [runs, check, limits] = &words("nims report flights/")[..] else { panic!("{page}") };
+    assert_eq!((system.as_str(), out.as_str(), check.as_str()), ("configs/systems/demo3.toml", "--out", "--check"));
+    let folder = tempfile::tempdir().unwrap();
+    fly("demo3", &["--world", "1..2", "--out", folder.path().join(name).to_str().unwrap()]);
+    let found = Command::new("sh").args(["-c", &format!("echo {runs}")]).current_dir(folder.path()).output().unwrap();
+    let found = String::from_utf8(found.stdout).unwrap();
+    let runs: Vec<PathBuf> = found.split_whitespace().map(|run| folder.path().join(run)).collect();
+    assert_eq!(runs.len(), 2, "{found}");
+    let args = analysis::report::Args { runs, out: None, between: None, check: Some(project().join(limits)) };
+    let output = args.run().unwrap();
+    assert!(output.failure.is_none(), "{}", output.words);
+    assert!(output.value["limits"].as_array().unwrap().len() > 20, "{}", output.value["limits"]);
+}
+
+#[test]
+fn flights_of_before_are_neither_replaced_nor_mixed_with_new_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    fly("aq4", &["--longest", "1", "--out", out]);
+    let run = folder.path().join("001-as-configured/run.mcap");
+    let before = std::fs::read(&run).unwrap();
+    let system = project().join("configs/systems/aq4.toml");
+    let words = ["sim", system.to_str().unwrap(), "--world", "1", "--out", out];
+    let refused = nims_sim::run(&Cli::parse_from(words).args).unwrap_err();
+    assert!(refused.exit_code() == 2 && refused.to_string().contains("001-as-configured"), "{refused}");
+    assert!(std::fs::read(&run).unwrap() == before && !folder.path().join("001-world-1").exists());
+    // A program that steps flights itself flies one after the other, and continues the numbers.
+    for name in ["002-as-configured", "003-as-configured"] {
+        let program = std::env::current_exe().unwrap().parent().unwrap().join("../nims-sim");
+        let mut child = Command::new(program)
+            .args([system.to_str().unwrap(), "--steps", "--out", out])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        child.stdin.take().unwrap().write_all(b"{\"reset\": {}}\n").unwrap();
+        let output = child.wait_with_output().unwrap();
+        let begun = String::from_utf8_lossy(&output.stdout).lines().next().unwrap().to_owned();
+        assert!(begun.contains(name) && folder.path().join(name).join("run.mcap").exists(), "{begun}");
+    }
+}
+
 /// Both templates compute the built-in p-feedforward law with its default gain, so all three fly alike, bit for bit.
 #[test]
 fn a_law_in_its_own_program_flies_as_a_built_in_one() {
@@ -149,6 +202,53 @@ fn an_estimator_in_its_own_program_flies_as_one_inside() {
     }
 }
 
+/// The operator sets the lengths in a cycle in which one cable has no reading.
+#[test]
+fn both_templates_expect_any_reading_of_a_cable_until_it_has_one() {
+    let system = project().join("configs/systems/demo3.toml");
+    let mut lines = vec![serde_json::json!({ "system": system, "cables": 3 })];
+    for cycle in 1..=8_u64 {
+        let set = cycle >= 4;
+        let length = |cable: u64| {
+            let missing = cable == 0 && (4..6).contains(&cycle);
+            (!missing).then(|| 5.0 + 0.001 * cycle as f64 + 0.5 * f64::from(u8::from(set)))
+        };
+        // From the newest reading, which of that cable is the one of cycle 3 meanwhile.
+        let silent_s = if length(0).is_none() { 0.01 * (cycle - 3) as f64 } else { 0.0 };
+        lines.push(serde_json::json!({
+            "cycle": cycle, "instant_ns": cycle * 10_000_000 + 4_000_000, "lengths_m": [length(0), length(1), length(2)],
+            "sampled_ns": [cycle * 10_000_000; 3], "ahead_s": [0.004 + silent_s, 0.004, 0.004], "commands_m_s": [0.1; 3], "forget": false,
+            "expect_anything": cycle == 4,
+        }));
+    }
+    let asked: String = lines.iter().map(|line| format!("{line}\n")).collect();
+    let answers = |program: &str| -> Vec<Value> {
+        let program = format!("{program} --lockstep --system {}", system.display());
+        let mut child = Command::new("sh").args(["-c", &program]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+        let child = child.as_mut().unwrap();
+        child.stdin.take().unwrap().write_all(asked.as_bytes()).unwrap();
+        let mut said = String::new();
+        child.stdout.take().unwrap().read_to_string(&mut said).unwrap();
+        assert!(child.wait().unwrap().success(), "{program}");
+        said.lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect()
+    };
+    let [rust, python] =
+        [env!("CARGO_BIN_EXE_my-estimator"), &python(&project().join("scripts/templates/estimator.py"))].map(answers);
+    let figures = |answers: &[Value]| -> Vec<Option<[f64; 2]>> {
+        let of_cables = answers.iter().flat_map(|answer| answer.as_array().unwrap());
+        of_cables.map(|one| Some([one["length_m"].as_f64()?, one["velocity_m_s"].as_f64()?])).collect()
+    };
+    let python = figures(&python);
+    assert_eq!(python.len(), 3 * 8);
+    // The first reading after the operator has set the lengths: at rest, at its length.
+    let [length_m, velocity_m_s] = python[3 * 5].unwrap();
+    assert!((length_m - 5.506).abs() < 1e-12 && velocity_m_s == 0.0, "{length_m} m, {velocity_m_s} m/s");
+    for (rust, python) in figures(&rust).iter().zip(&python) {
+        let (rust, python) = (rust.unwrap(), python.unwrap());
+        assert!((0..2).all(|at| (rust[at] - python[at]).abs() < 1e-12), "{rust:?} {python:?}");
+    }
+}
+
 /// One that leaves out cables has no estimate, so the mission is not flown; a wrong answer fails the flight.
 #[test]
 fn an_estimator_without_an_answer_does_not_fly() {
@@ -174,6 +274,64 @@ fn a_flight_that_fails_says_why_and_the_others_go_on() {
         let output = fly("aq4", &["--program", program]);
         let why = flights(&output)[0]["failed"].as_str().unwrap().to_owned();
         assert!(why.contains(named) && output.failure.is_some(), "{why}");
+    }
+}
+
+/// A custom program that runs with the modules of `scripts/python`.
+fn python(script: &Path) -> String {
+    format!("env PYTHONPATH={} python3 {}", project().join("scripts/python").display(), script.display())
+}
+
+/// Velocities that are no numbers are no answer in their cycle, as those of a law inside are.
+#[test]
+fn a_law_with_an_answer_that_is_not_finite_flies_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let (template, path) = (project().join("scripts/templates/law.py"), folder.path().join("law.py"));
+    let law = std::fs::read_to_string(template).unwrap();
+    let broken = law.replace("    return [speed", "    if asked.cycle % 100 == 0:\n        return [float(\"nan\")] * 4\n    return [speed");
+    assert_ne!(law, broken);
+    std::fs::write(&path, broken).unwrap();
+    let flown = &flights(&fly("aq4", &["--program", &python(&path)]))[0];
+    assert!(flown["completed"] == true && flown["failed"].is_null(), "{flown}");
+    assert!(number(flown, "/unsteered_cycles") > 0.0, "{flown}");
+}
+
+/// Lines of a program of Python: what it answers to the greeting, and what it says where it fails.
+fn greeted(script: &str) -> (String, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("program.py");
+    std::fs::write(&path, script).unwrap();
+    let mut child = Command::new("sh")
+        .args(["-c", &python(&path)])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // One that fails before it reads has closed the pipe.
+    let _ = child.stdin.take().unwrap().write_all(b"{\"system\": \"\", \"cables\": 3}\n");
+    let output = child.wait_with_output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+    (text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn parameters_of_python_are_values_of_toml() {
+    let call = |parameters: &str| {
+        greeted(&format!("import math, nims_law\nnims_law.run(lambda asked: None, {parameters})\n"))
+    };
+    let (answer, _) = call(
+        "gain=1.5, count=3, tiny=1e-9, most=math.inf, name='a \"b\" \\x7f \\U0001f600\\n', on=True, \
+         rows=[[1, 2], [3.5]], inner={'x': 1, 'a b': ['c']}, **{'a key': -0.0}",
+    );
+    let answer: Value = serde_json::from_str(&answer).unwrap();
+    let read: toml::Table = answer["parameters"].as_str().unwrap().parse().unwrap();
+    let wanted = "gain = 1.5\ncount = 3\ntiny = 1e-9\nmost = inf\nname = \"a \\\"b\\\" \\u007f \\U0001F600\\n\"\non = true\n\
+                  rows = [[1, 2], [3.5]]\n\"a key\" = -0.0\n[inner]\nx = 1\n\"a b\" = [\"c\"]\n";
+    assert_eq!(read, wanted.parse().unwrap());
+    for (parameters, named) in [("gain=None", "gain"), ("a={'b': [1, {2}]}", "a.b[1]"), ("n=2**64", "n is 18446")] {
+        let (answer, why) = call(parameters);
+        assert!(answer.is_empty() && why.contains(named) && why.contains("accepted"), "{answer}{why}");
     }
 }
 
@@ -217,7 +375,7 @@ fn a_key_that_does_not_exist_is_refused_by_its_name() {
 fn a_flight_from_python_is_that_of_the_same_law_inside() {
     let folder = tempfile::tempdir().unwrap();
     let program = std::env::current_exe().unwrap().parent().unwrap().join("../nims-sim");
-    let output = std::process::Command::new(nims_tests::python())
+    let output = Command::new(nims_tests::python())
         .env("PYTHONPATH", project().join("scripts/python"))
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .arg(project().join("tests/python/check_package.py"))
