@@ -384,6 +384,26 @@ fn limits_of_a_file_are_checked_in_the_same_report() {
 }
 
 #[test]
+fn a_step_that_was_never_measured_breaks_its_limit() {
+    let (_folder, run) = Flight::new()
+        .fly(true, |cycle, samples| {
+            // Every other cycle uses no command, which has no age.
+            samples.authority.command_age_ns = if cycle % 2 == 0 { 12_000_000 } else { 0 };
+        })
+        .close();
+    let limits = run.join("limits.toml");
+    std::fs::write(&limits, "times.command_age.max_ns.max = 13_000_000\ntimes.state_to_command.max_ns.max = 5_000_000")
+        .unwrap();
+    let checked = Args { runs: vec![run.clone()], out: None, between: None, check: Some(limits) }.run().unwrap();
+    let broken: Vec<&Value> = checked.value["limits"].as_array().unwrap().iter().map(|row| &row["broken"]).collect();
+    assert!(broken[0].is_null() && broken[1].as_str().unwrap().contains("no number in this run"), "{broken:?}");
+    let times = &checked.value["runs"][0]["times"];
+    assert_eq!((&times[3]["samples"], &times[3]["p50_ns"]), (&Value::from(0), &Value::Null), "{times}");
+    let (samples, p50_ns) = (times[2]["samples"].as_u64().unwrap(), times[2]["p50_ns"].as_u64().unwrap());
+    assert!((200..300).contains(&samples) && p50_ns.abs_diff(12_000_000) < 120_000, "{times}");
+}
+
+#[test]
 fn runs_of_a_folder_are_listed_with_their_trends() {
     let folder = tempfile::tempdir().unwrap();
     for (name, tension_n) in [("1", 20.0), ("2", 30.0), ("3", 40.0)] {

@@ -38,8 +38,7 @@ use variants::Variant;
 ///
 /// # Errors
 /// A file or an option that is not accepted, a folder that has flights already or cannot be written; and, beside the
-/// table, a flight that did
-/// not reach the end of its mission.
+/// table, a flight that did not reach the end of its mission.
 pub fn run(args: &Args) -> Answer<Output> {
     // The folder of a table alone is needed only while it flies.
     let (_temporary, folder) = match &args.out {

@@ -392,7 +392,8 @@ impl Collector {
         for (trace, (_, count)) in data.losses.iter_mut().zip(self.count.periods().causes()) {
             trace.add(time_s, count as f64);
         }
-        let age_ns = cycle.segment.is_some().then_some(authority.command_age_ns);
+        // 0 in a cycle that used no command.
+        let age_ns = cycle.segment.is_some().then_some(authority.command_age_ns).filter(|age_ns| *age_ns > 0);
         let steps_ns = [Some(authority.wake_ns), Some(authority.bus_ns), age_ns, cycle.answered_ns];
         for (times, ns) in data.times.iter_mut().zip(steps_ns) {
             if let Some(ns) = ns {

@@ -10,8 +10,10 @@ pub fn value(assessment: &RunAssessment) -> Value {
         .into_iter()
         .zip(&run.times)
         .map(|(name, times)| {
-            let ns = |share: f64| times.all.value_at_quantile(share);
-            json!({ "what": name, "samples": times.all.len(), "p50_ns": ns(0.5), "p99_ns": ns(0.99), "max_ns": times.all.max() })
+            // A histogram without samples has zeros, which would keep any limit.
+            let some = |ns: u64| (!times.all.is_empty()).then_some(ns);
+            let ns = |share: f64| some(times.all.value_at_quantile(share));
+            json!({ "what": name, "samples": times.all.len(), "p50_ns": ns(0.5), "p99_ns": ns(0.99), "max_ns": some(times.all.max()) })
         })
         .collect();
     let cables: Vec<Value> = run
