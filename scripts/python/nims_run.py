@@ -6,7 +6,7 @@
     state["length_m"][:, 0]          # first cable, m
     run.seconds(state)               # s since the run began
 
-    run.read("motor/state", "node/truth", begin_s=30, end_s=40)    # several channels in one pass
+    run.read("motor/state", "truth/node", begin_s=30, end_s=40)    # several channels in one pass
     for name, samples in run.pieces():                             # a run of any length in little memory
         ...
 
