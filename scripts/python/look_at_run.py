@@ -26,13 +26,14 @@ overview = pd.Series(run.counts, name="samples").to_frame()
 overview["type"] = [run.definitions[name].name for name in overview.index]
 print(overview.sort_index().to_string())
 
-# %% One table for each channel; samples of one control cycle share its number
-state = pd.DataFrame(run.columns("motor/state")).set_index("cycle")
+# %% One table for each channel; samples of one control cycle share its number, which each life of motor-io begins again
+CYCLE = ["life", "cycle"]
+state = pd.DataFrame(run.columns("motor/state")).set_index(CYCLE)
 state = state[state["position_known"] > 0]  # lengths are not valid before
-authority = pd.DataFrame(run.columns("motor/authority")).set_index("cycle")
-estimate = pd.DataFrame(run.columns("node/estimate/a")).set_index("cycle")
-control = pd.DataFrame(run.columns("control/status/a")).set_index("cycle")
-cables = int(state["cable_count"].iloc[0])
+authority = pd.DataFrame(run.columns("motor/authority")).set_index(CYCLE)
+estimate = pd.DataFrame(run.columns("node/estimate/a")).set_index(CYCLE)
+control = pd.DataFrame(run.columns("control/status/a")).set_index(CYCLE)
+cables = int(authority["cable_count"].max())
 modes = run.names("motor/authority", "mode")
 authority["mode_name"] = authority["mode"].map(lambda mode: modes.get(mode, str(mode)).removeprefix("MODE_").lower())
 print(authority.groupby("mode_name", sort=False).size().mul(authority["period_s"].iloc[0]).rename("seconds").to_string())

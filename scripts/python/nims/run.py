@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,8 @@ UNITS = {
     "_ns": "ns", "_ms": "ms", "_us": "us", "_nm": "N m", "_m": "m", "_s": "s", "_n": "N", "_a": "A", "_v": "V", "_w": "W", "_j": "J", "_c": "degC", "_k": "K",
 }
 CAUSES = ("computer", "drive", "resync", "answer")
+# Least speed of a setpoint that moves, m/s, as in `nims report`: slower ones are the ends of a profile.
+MOVING_M_S = 1e-3
 
 
 def unit_of(column: str) -> str:
@@ -61,23 +64,46 @@ class Run(_Run):  # type: ignore[misc]
         return [(begin, end, names.get(value, str(value))) for begin, end, value in _spans(self.seconds(samples), samples["mode"]) ]
 
     def legs(self) -> list[dict[str, Any]]:
-        """Each leg that was flown: its number in the mission, segment, begin and end in s since the run began, mean and
-        largest distance of the estimate from the setpoint, m.
+        """Each leg that was flown: its number in the mission, segment, begin and end in s since the run began, RMS and
+        largest distance of the estimate from the setpoint while that moves, m.
+
+        As in `nims report`: the controller in charge counts in each cycle, and a pause does not end a leg.
         """
-        status = self._first_of("control/status/")
+        authority, status = self._in_charge()
+        seconds = self.seconds(authority)
         plan = self["plan/status"] if "plan/status" in self.definitions else None
-        seconds, distances, legs = self.seconds(status), status["error_norm_m"], []
-        for begin, end, segment in _spans(seconds, status["segment"]):
-            if not segment:
-                continue
-            within = (seconds >= begin) & (seconds <= end) & (status["valid"] == 1)
+        moves = np.linalg.norm(status["setpoint_velocity_m_s"], axis=1) * authority["plan_rate"] > MOVING_M_S
+        counts, legs = moves & (status["valid"] == 1), []
+        keys = [authority["header"]["life"], *(authority[field] for field in ("epoch", "motion", "segment"))]
+        for first, last in _stretches(*keys):
+            begin, end = float(seconds[first]), float(seconds[last])
             leg = None
             if plan is not None and len(plan) and "leg" in plan.dtype.names:
                 leg = int(plan["leg"][max(np.searchsorted(self.seconds(plan), end, "right") - 1, 0)])
-            error = distances[within]
-            mean, most = (float(np.sqrt((error**2).mean())), float(error.max())) if len(error) else (float("nan"), float("nan"))
-            legs.append({"leg": leg, "segment": int(segment), "begin_s": begin, "end_s": end, "error_rms_m": mean, "error_max_m": most})
+            error = status["error_norm_m"][first : last + 1][counts[first : last + 1]]
+            rms, most = (float(np.sqrt((error**2).mean())), float(error.max())) if len(error) else (float("nan"), float("nan"))
+            segment = int(authority["segment"][first])
+            legs.append({"leg": leg, "segment": segment, "begin_s": begin, "end_s": end, "error_rms_m": rms, "error_max_m": most})
         return legs
+
+    def _in_charge(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The cycles that follow a segment, in order: `motor/authority` and the `control/status` of the slot in charge."""
+        authority = self["motor/authority"]
+        modes = {name: value for value, name in self.names("motor/authority", "mode").items()}
+        follows = (authority["mode"] == modes.get("MODE_FOLLOWING", 3)) & (authority["segment"] != 0)
+        rows, answers = [], []
+        for number, slot in enumerate("ab"):
+            name = f"control/status/{slot}"
+            if name in self.definitions:
+                status = self[name]
+                of_slot = np.flatnonzero(follows & (authority["active_controller"] == number))
+                of_authority, of_status = _same_cycles(authority["header"][of_slot], status["header"])
+                rows.append(of_slot[of_authority]), answers.append(status[of_status])
+        if not rows:
+            return authority[:0], np.zeros(0, [("valid", "u1"), ("error_norm_m", "<f8"), ("setpoint_velocity_m_s", "<f8", 3)])
+        whole = np.concatenate(rows)
+        order = np.argsort(whole, kind="stable")
+        return authority[whole[order]], np.concatenate(answers)[order]
 
     def faults(self) -> list[dict[str, Any]]:
         """Each fault: when it began and ended, s since the run began, and its names."""
@@ -90,27 +116,67 @@ class Run(_Run):  # type: ignore[misc]
         return faults
 
     def causes(self) -> list[dict[str, Any]]:
-        """Each stretch of a mission that was not steered, by its cause: begin, s since the run began, periods, cause."""
+        """Each stretch of a mission that was not steered, by its cause: begin, s since the run began, periods, cause.
+
+        Over all lives of motor-io, with what was lost between them. What the first life lost before the first sample of
+        the run (of a later file that is read alone) has no time in it and is left out.
+        """
         authority = self["motor/authority"]
         seconds, found = self.seconds(authority), []
+        later = np.flatnonzero(np.diff(authority["header"]["life"])) + 1
         for cause in CAUSES:
-            lost = np.diff(authority[f"lost_{cause}"].astype(np.int64), prepend=authority[f"lost_{cause}"][:1].astype(np.int64))
-            # Another life of motor-io counts from 0.
-            lost[lost < 0] = 0
-            for at in np.flatnonzero(lost):
+            counts = authority[f"lost_{cause}"].astype(np.int64)
+            lost = np.diff(counts, prepend=counts[:1])
+            # Each later life counts from 0.
+            lost[later] = counts[later]
+            for at in np.flatnonzero(lost > 0):
                 found.append({"begin_s": float(seconds[at]), "periods": int(lost[at]), "cause": cause})
-        return sorted(found, key=lambda one: one["begin_s"])
+        return sorted(found + self._between_lives(authority), key=lambda one: one["begin_s"])
 
-    def _first_of(self, prefix: str) -> NDArray[Any]:
-        """The samples of the first channel whose name begins so: slot a, if it is there."""
-        found = [name for name in self.channels if name.startswith(prefix)]
-        return self[found[0] if found else prefix + "a"]  # type: ignore[no-any-return]
+    def _between_lives(self, authority: NDArray[Any]) -> list[dict[str, Any]]:
+        """What was lost because a life of motor-io ended during a motion: `docs/counters.md`, *Over lives*."""
+        if "motor/input" not in self.definitions:
+            return []
+        of_authority, of_input = _same_cycles(authority["header"], self["motor/input"]["header"])
+        decided, told = authority[of_authority], self["motor/input"][of_input]
+        seconds = self.seconds(decided)
+        none = {name: value for value, name in self.names("motor/authority", "period").items()}.get("PERIOD_NO_MISSION", 0)
+        # Periods between each tick and the one before it.
+        ticks = np.diff(told["tick_ns"].astype(np.int64), prepend=told["tick_ns"][:1].astype(np.int64)) * 1e-9
+        skipped = np.maximum((ticks / decided["period_s"] + 0.5).astype(np.int64) - 1, 0)
+        lives = _stretches(decided["header"]["life"])
+        mission, found = 0, []
+        for (_, last), (first, end) in itertools.pairwise(lives):
+            periods = 0
+            if decided["motion"][last]:
+                periods, mission = int(skipped[first]), int(told["mission"][last])
+            rests = (decided["period"][first : end + 1] == none) & (told["mission"][first : end + 1] == mission) & (mission != 0)
+            # Cycles of the new life until something else is flown.
+            waits = int(np.argmin(rests)) if not rests.all() else len(rests)
+            periods += waits + int(skipped[first + 1 : first + waits].sum())
+            if periods:
+                found.append({"begin_s": float(seconds[last]), "periods": periods, "cause": "answer"})
+            mission = mission if rests.all() else 0
+        return found
+
+
+def _same_cycles(one: NDArray[Any], other: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The indices of headers of the same life and cycle, in their order."""
+    keys = [np.rec.fromarrays([header["life"], header["cycle"]], names="life,cycle") for header in (one, other)]
+    _, of_one, of_other = np.intersect1d(*keys, return_indices=True)
+    return of_one, of_other
+
+
+def _stretches(*values: NDArray[Any]) -> list[tuple[int, int]]:
+    """First and last index of each stretch in which all these values are equal."""
+    count = len(values[0])
+    if not count:
+        return []
+    changes = np.any([one[1:] != one[:-1] for one in values], axis=0)
+    begins = [0, *(np.flatnonzero(changes) + 1).tolist()]
+    return list(zip(begins, [*(begin - 1 for begin in begins[1:]), count - 1], strict=True))
 
 
 def _spans(seconds: NDArray[Any], values: NDArray[Any]) -> list[tuple[float, float, Any]]:
     """Begin and end of each stretch of equal values."""
-    if not len(values):
-        return []
-    begins = np.concatenate(([0], np.flatnonzero(values[1:] != values[:-1]) + 1))
-    ends = np.concatenate((begins[1:] - 1, [len(values) - 1]))
-    return [(float(seconds[begin]), float(seconds[end]), values[begin].item()) for begin, end in zip(begins, ends, strict=True)]
+    return [(float(seconds[first]), float(seconds[last]), values[first].item()) for first, last in _stretches(values)]

@@ -28,6 +28,7 @@ mod motor_table;
 mod motors;
 mod obstacles;
 mod planar;
+mod python_runs;
 mod replay;
 mod report;
 mod scale;
