@@ -5,8 +5,10 @@ use robot_state::sentences::{fault_clauses, faults_of, mode_name, mode_sentence}
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Maximum number of stored events; of a run with more, the first ones are kept.
+/// Maximum number of listed events; of a run with more, the first ones are listed.
 const MAX_EVENTS: usize = 400;
+/// Maximum number of further events that may explain a deviation, a few megabytes.
+const MAX_CAUSES: usize = 10_000;
 
 /// Time within which a repeated event is merged, s.
 const REPEAT_S: f64 = 10.0;
@@ -44,6 +46,11 @@ impl EventKind {
             Self::Log => "log",
         }
     }
+
+    /// Returns whether such an event may be a cause of a deviation.
+    fn may_explain(self) -> bool {
+        matches!(self, Self::Fault | Self::Operator | Self::Process)
+    }
 }
 
 /// An event.
@@ -53,8 +60,10 @@ pub struct Event {
     pub time_s: f64,
     /// Subject.
     pub kind: EventKind,
-    /// One sentence.
+    /// One sentence; of a request the answer after the name of its user.
     pub text: String,
+    /// User of a request or a mark, or the process that made it.
+    pub requester: Option<String>,
     /// Number of occurrences within ten seconds; only the first is listed.
     pub times: u32,
 }
@@ -63,7 +72,9 @@ pub struct Event {
 #[derive(Debug, Clone, Default)]
 pub struct Events {
     events: Vec<Event>,
-    /// Number of events beyond the limit.
+    /// Those beyond the limit that may explain a deviation.
+    causes: Vec<Event>,
+    /// Number of events beyond the limit of the list.
     pub left_out: usize,
     /// Number of faults.
     pub faults: usize,
@@ -100,21 +111,35 @@ impl Events {
         &self.events
     }
 
+    /// Returns the events that may explain a deviation, also those that are not listed.
+    pub fn causes(&self) -> impl Iterator<Item = &Event> {
+        self.events.iter().filter(|event| event.kind.may_explain()).chain(&self.causes)
+    }
+
     fn push(&mut self, time_s: f64, kind: EventKind, text: String) {
-        // Repeated events are listed once and counted; repetitions differ only in numbers.
+        self.push_of(time_s, kind, text, None);
+    }
+
+    fn push_of(&mut self, time_s: f64, kind: EventKind, text: String, requester: Option<String>) {
+        let is_full = self.events.len() >= MAX_EVENTS;
+        let (list, most) =
+            if is_full { (&mut self.causes, MAX_CAUSES) } else { (&mut self.events, MAX_EVENTS) };
+        // Repeated events are listed once and counted. Repetitions of the log and of missions differ only in numbers;
+        // of requests the numbers are what was asked.
         let bare = |text: &str| text.chars().filter(|letter| !letter.is_ascii_digit()).collect::<String>();
-        let recent = self.events.iter_mut().rev().take(8).take_while(|event| (time_s - event.time_s).abs() < REPEAT_S);
-        let mut same = recent.filter(|event| event.kind == kind && bare(&event.text) == bare(&text));
-        if let (Some(event), true) =
-            (same.next(), matches!(kind, EventKind::Log | EventKind::Mission | EventKind::Operator))
-        {
+        let same = |event: &Event| match kind {
+            EventKind::Log | EventKind::Mission => bare(&event.text) == bare(&text),
+            EventKind::Operator => event.text == text,
+            _ => false,
+        };
+        let mut recent = list.iter_mut().rev().take(8).take_while(|event| (time_s - event.time_s).abs() < REPEAT_S);
+        if let Some(event) = recent.find(|event| event.kind == kind && same(event)) {
             event.times += 1;
             return;
         }
-        if self.events.len() < MAX_EVENTS {
-            self.events.push(Event { time_s, kind, text, times: 1 });
-        } else {
-            self.left_out += 1;
+        self.left_out += usize::from(is_full);
+        if list.len() < most && (!is_full || kind.may_explain()) {
+            list.push(Event { time_s, kind, text, requester, times: 1 });
         }
     }
 
@@ -145,14 +170,16 @@ impl Events {
         if request.answered != 1 {
             return;
         }
+        let requester = Some(text_of(&request.requester)).filter(|name| !name.is_empty());
         if request.body.verb == RequestBody::VERB_MARK && request.accepted == OperatorRequest::ACCEPTED {
-            self.push(time_s, EventKind::Mark, text_of(&request.text));
+            self.push_of(time_s, EventKind::Mark, text_of(&request.text), requester);
             return;
         }
         let answer = text_of(&request.answer);
         let refused = if request.accepted == 1 { "" } else { "Refused: " };
         if !answer.is_empty() {
-            self.push(time_s, EventKind::Operator, format!("{refused}{answer}"));
+            let of = requester.as_ref().map_or_else(String::new, |name| format!("{name}: "));
+            self.push_of(time_s, EventKind::Operator, format!("{of}{refused}{answer}"), requester);
         }
     }
 
@@ -284,6 +311,51 @@ mod tests {
         (row.state, row.restarts) = (ProcessState::STATE_DIED, 1);
         events.process(2.0, &row);
         assert_eq!(events.died, ["motor-io"]);
+    }
+
+    fn answer(requester: &str, text: &str) -> OperatorRequest {
+        let mut request = OperatorRequest { answered: 1, accepted: OperatorRequest::ACCEPTED, ..Default::default() };
+        messages::put_text(&mut request.requester, requester);
+        messages::put_text(&mut request.answer, text);
+        request
+    }
+
+    #[test]
+    fn requests_have_their_users_and_only_equal_ones_are_merged() {
+        let mut events = Events::default();
+        for (time_s, requester, text) in [
+            (1.0, "ada", "set feedback.gain to 1.5"),
+            (2.0, "ada", "set feedback.gain to 1.6"),
+            (3.0, "ada", "set feedback.gain to 1.6"),
+            (4.0, "bob", "set feedback.gain to 1.6"),
+            (5.0, "", "holds"),
+        ] {
+            events.request(time_s, &answer(requester, text));
+        }
+        let listed: Vec<(&str, u32)> = events.all().iter().map(|event| (event.text.as_str(), event.times)).collect();
+        let wanted = [
+            ("ada: set feedback.gain to 1.5", 1),
+            ("ada: set feedback.gain to 1.6", 2),
+            ("bob: set feedback.gain to 1.6", 1),
+            ("holds", 1),
+        ];
+        assert_eq!(listed, wanted);
+        assert_eq!(events.all()[2].requester.as_deref(), Some("bob"));
+    }
+
+    #[test]
+    fn what_may_explain_a_deviation_is_kept_beyond_the_list() {
+        let mut events = Events::default();
+        let mut line = LogEvent { level: LogEvent::LEVEL_WARN, ..Default::default() };
+        for number in 0..MAX_EVENTS + 3 {
+            messages::put_text(&mut line.text, &"x".repeat(number % 50 + 1));
+            events.log(20.0 * number as f64, &line);
+        }
+        let last_s = 20.0 * MAX_EVENTS as f64 + 100.0;
+        events.request(last_s, &answer("ada", "goes to 1, 2, 3"));
+        assert_eq!((events.all().len(), events.left_out), (MAX_EVENTS, 4));
+        let causes: Vec<(f64, &str)> = events.causes().map(|event| (event.time_s, event.text.as_str())).collect();
+        assert_eq!(causes, [(last_s, "ada: goes to 1, 2, 3")]);
     }
 
     #[test]

@@ -181,7 +181,7 @@ impl Between {
 /// Explains a largest deviation.
 pub fn explain(of: &'static str, max_m: f64, rise: &Rise, robot: Option<&Robot>, events: &Events) -> Explanation {
     let mut causes = causes(rise, robot);
-    for event in events.all().iter().filter(|event| (rise.causes_from_s..=rise.at_s).contains(&event.time_s)) {
+    for event in events.causes().filter(|event| (rise.causes_from_s..=rise.at_s).contains(&event.time_s)) {
         let text = event.text.trim_end_matches('.');
         let (kind, text) = match event.kind {
             // The cure only applies during the flight.

@@ -60,8 +60,12 @@ type Key = (usize, u32, u8, Option<usize>);
 pub struct InCharge {
     reported: Vec<Reported>,
     spans: Vec<Span>,
+    /// Number of spans beyond the limit.
+    pub left_out: usize,
     /// Index of the last span of each role.
     last: [Option<usize>; 2],
+    /// Of each role what is in charge beyond the limit.
+    unlisted: [Option<Key>; 2],
 }
 
 /// The roles by their index in `motor/authority`.
@@ -122,6 +126,9 @@ impl InCharge {
             }
         }
         if self.spans.len() == MAX_SPANS {
+            // The last one of the role does not go on.
+            self.last[role] = None;
+            self.left_out += usize::from(self.unlisted[role].replace(key) != Some(key));
             return;
         }
         let span = self.span(role, key, time_s, cycle);
@@ -177,5 +184,25 @@ impl Span {
     pub fn parameters_text(&self) -> String {
         let shown = self.parameters.iter().filter(|(key, _)| self.changed.is_empty() || self.changed.contains(key));
         shown.map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>().join(", ")
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn changes_beyond_the_limit_are_counted() {
+        let mut charge = InCharge::default();
+        for change in 0..MAX_SPANS as u32 + 7 {
+            for cycle in 0..3 {
+                let time_s = f64::from(3 * change + cycle);
+                charge.extend(0, (change % 2) as u8, (1 + change % 2, 1, 1), time_s, u64::from(3 * change + cycle));
+            }
+        }
+        assert_eq!((charge.spans().len(), charge.left_out), (MAX_SPANS, 7));
+        let last = charge.spans().last().unwrap();
+        assert!((last.to_s - last.from_s - 3.0).abs() < 1e-9, "it ended with the next change: {last:?}");
     }
 }

@@ -63,7 +63,11 @@ pub fn in_charge(run: &RunData) -> String {
             span.parameters_text(),
         ]);
     }
-    words_table(&table)
+    let more = match run.in_charge.left_out {
+        0 => String::new(),
+        more => format!("<p class=\"soft\">{more} further changes are not listed.</p>\n"),
+    };
+    words_table(&table) + &more
 }
 
 /// Renders the drive units as they answered at the start.

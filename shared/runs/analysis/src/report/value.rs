@@ -40,15 +40,18 @@ pub fn value(assessment: &RunAssessment) -> Value {
         .map(|event| {
             json!({
                 "time_s": event.time_s, "utc": run.utc(event.time_s), "kind": event.kind, "text": event.text,
-                "times": event.times,
+                "requester": event.requester, "times": event.times,
             })
         })
         .collect();
+    // Lists have limits, so that a page stays readable.
+    let left_out =
+        json!({ "legs": run.legs.left_out, "events": run.events.left_out, "in_charge": run.in_charge.left_out });
     json!({
         "run": run.name, "verdict": verdict, "analysis": run.analysis, "flown_m": run.legs.flown_m(), "legs": legs, "cables": cables,
         "times": times, "faults": run.events.faults, "events": events, "sensors": sensors, "missions_done": run.missions,
         "deviations": deviations, "between": between, "in_charge": run.in_charge.spans(), "drive_units": run.units, "world": run.world, "unsteered": run.periods.unsteered(), "version": runtime::build::description(),
-        "wear": run.wear.result(run.robot.as_ref()), "lacks": run.lacks, "recording": { "healthy": run.recording.healthy, "verdict": run.recording.verdict,
+        "wear": run.wear.result(run.robot.as_ref()), "lacks": run.lacks, "left_out": left_out, "recording": { "healthy": run.recording.healthy, "verdict": run.recording.verdict,
             "started_utc": run.recording.started, "duration_s": run.recording.duration_s, "messages": run.recording.messages,
             "unrecorded_s": run.unrecorded_s(), "about": run.recording.about },
     })
