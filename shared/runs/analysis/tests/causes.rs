@@ -383,6 +383,33 @@ fn limits_of_a_file_are_checked_in_the_same_report() {
     assert!(unknown.exit_code() == 2 && unknown.to_string().contains("max_m"), "{unknown}");
 }
 
+/// A driver repeats its last reading while its device is silent; the values are apart though their names are equal.
+#[test]
+fn values_of_a_sensor_are_judged_one_by_one_and_not_as_repeated() {
+    let mut flight = Flight::new();
+    for cycle in (2..540).step_by(2) {
+        let mut reading = Reading { count: 8, ..Default::default() };
+        // The spike is in the sixth value only.
+        let noise = 0.001 * (7 * cycle % 11) as f64;
+        reading.value = std::array::from_fn(|at| at as f64 + noise + if cycle == 400 && at == 5 { 50.0 } else { 0.0 });
+        reading.quality = if (200..300).contains(&cycle) { Reading::QUALITY_STALE } else { Reading::QUALITY_GOOD };
+        put_text(&mut reading.quantity, "level,temperature,temperature,d,e,f,g,h");
+        put_text(&mut reading.unit, "m,degC,degC");
+        flight.write("sensor/probe", reading, cycle);
+    }
+    let figures = flight.fly(true, |_, _| ()).figures();
+    let sensor = &figures["sensors"][0];
+    assert_eq!((&sensor["samples"], &sensor["doubtful"]), (&Value::from(269), &Value::from(50)));
+    let values = sensor["values"].as_array().unwrap();
+    let names: Vec<&str> = values.iter().map(|value| value["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["level, m", "temperature [2], degC", "temperature [3], degC", "d", "e", "f", "g", "h"]);
+    for (at, value) in values.iter().enumerate() {
+        assert_eq!(value["flags"]["gaps"]["count"], 1, "{value}");
+        assert_eq!(value["flags"]["spikes"]["count"], u64::from(at == 5), "{value}");
+        assert!((value["range"][0].as_f64().unwrap() - at as f64).abs() < 0.011, "{value}");
+    }
+}
+
 #[test]
 fn a_step_that_was_never_measured_breaks_its_limit() {
     let (_folder, run) = Flight::new()

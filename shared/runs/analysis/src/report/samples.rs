@@ -13,13 +13,15 @@ use std::collections::{BTreeMap, VecDeque};
 const GAP_S: f64 = 5.0;
 /// Number of stored estimates for positions at the time of a reading; covers more than the delay of a reading.
 const MAX_ESTIMATES: usize = 1024;
-/// Maximum number of shown values per channel.
-const MAX_VALUES: usize = 4;
+/// Maximum number of values per channel: as many as a reading has.
+const MAX_VALUES: usize = 8;
 
 /// Data of one channel.
 pub struct Sensor {
     /// Curves with quantity and unit, or with the name of the field.
     pub values: Vec<(String, Trace)>,
+    /// Number of each of these values in its sample, from 0.
+    numbers: Vec<usize>,
     /// Flags of each of these values.
     quality: Vec<Quality>,
     /// Position of the node, m, and the first value.
@@ -137,6 +139,7 @@ impl Sensors {
         let sensor = self.channels.entry(recorded.channel.name.clone()).or_insert_with(|| Sensor {
             settings: settings(),
             values: Vec::new(),
+            numbers: Vec::new(),
             quality: Vec::new(),
             places: DecimatedPoints::default(),
             samples: 0,
@@ -144,6 +147,11 @@ impl Sensors {
             fields: None,
         });
         sensor.samples += 1;
+        // What a driver repeats is no new value, as for the sensor logger.
+        if reading.is_some_and(|reading| reading.quality == Reading::QUALITY_STALE) {
+            sensor.doubtful += 1;
+            return;
+        }
         let values: Vec<(usize, String, f64)> = if let Some(reading) = reading {
             sensor.doubtful += u64::from(reading.quality != Reading::QUALITY_GOOD);
             let names = Names::new(&reading.quantity, &reading.unit, reading.count);
@@ -158,10 +166,13 @@ impl Sensors {
             sensor.places.add((place, *value));
         }
         for (index, name, value) in values {
-            let at = match sensor.values.iter().position(|(known, _)| *known == name) {
+            // Two values may have one name, and another driver may give a value another name.
+            let mut known = sensor.values.iter().zip(&sensor.numbers);
+            let at = match known.position(|((known, _), number)| *known == name && *number == index) {
                 Some(at) => at,
                 None if sensor.values.len() < MAX_VALUES => {
                     sensor.values.push((name, Trace::new(GAP_S)));
+                    sensor.numbers.push(index);
                     sensor.quality.push(Quality::new(sensor.settings.range.get(index).copied()));
                     sensor.values.len() - 1
                 }
@@ -188,11 +199,14 @@ impl Names {
 
     /// Returns the values with their names: the quantity and the unit of each.
     fn of(&self, values: &[f64]) -> Vec<(usize, String, f64)> {
+        let named = |i: usize| (name_at(&self.quantities, i), name_at(&self.units, i));
+        let is_repeated = |i: usize| (0..self.count).any(|other| other != i && named(other) == named(i));
         let numbered = self.count > 1 && self.quantities.split(',').count() < self.count;
         let name = |i: usize| {
-            let (quantity, unit) = (name_at(&self.quantities, i), name_at(&self.units, i));
+            let (quantity, unit) = named(i);
             let quantity = if quantity.is_empty() { "value" } else { quantity };
-            let quantity = if numbered { format!("{quantity} [{}]", i + 1) } else { quantity.to_owned() };
+            let quantity =
+                if numbered || is_repeated(i) { format!("{quantity} [{}]", i + 1) } else { quantity.to_owned() };
             if unit.is_empty() { quantity } else { format!("{quantity}, {unit}") }
         };
         values.iter().take(self.count).enumerate().map(|(i, value)| (i, name(i), *value)).collect()
