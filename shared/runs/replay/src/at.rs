@@ -15,6 +15,9 @@ use std::path::Path;
 /// Entries of an array that text lines show at most: arrays by cable and by unit have eight.
 const SHOWN: usize = 8;
 
+/// Times in reports are rounded to a tenth of a second: as much later than the last sample is the end of the run, ns.
+const ROUNDED_NS: u64 = 100_000_000;
+
 /// A sample of one channel.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Entry {
@@ -79,7 +82,7 @@ pub fn instant_of(run: &Path, text: &str) -> Answer<u64> {
 /// Reads the processes at a UNIX time, ns.
 ///
 /// # Errors
-/// The run cannot be read, or the instant is before its first sample.
+/// The run cannot be read, or the instant is before its first sample or after its last one.
 pub fn snapshot(run: &Path, at_ns: u64) -> Answer<Snapshot> {
     let mut reader = RunReader::open(run).map_err(Failure::bad)?;
     let first_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(at_ns, |first| first.log_time_ns);
@@ -90,6 +93,13 @@ pub fn snapshot(run: &Path, at_ns: u64) -> Answer<Snapshot> {
             "--at is {}, and the first sample of the run is at {}: give a later time",
             place(begin_ns, at_ns),
             place(begin_ns, first_ns)
+        )));
+    }
+    if at_ns > instant.end_ns.saturating_add(ROUNDED_NS) {
+        return Err(Failure::BadInput(format!(
+            "--at is {}, and the last sample of the run is at {}: give an earlier time",
+            place(begin_ns, at_ns),
+            place(begin_ns, instant.end_ns)
         )));
     }
     let view = View { instant: &instant, begin_ns, clock };
@@ -329,6 +339,26 @@ mod tests {
         assert!((time_s - 2.25).abs() < 1e-6, "{time_s} s");
         let time_s = output_time_s(&snapshot, "motor/authority");
         assert!((time_s - 11.0).abs() < 1e-6, "{time_s} s: not after the instant");
+    }
+
+    #[test]
+    fn an_instant_outside_of_the_run_is_refused_with_its_ends() {
+        let at_ns = |unix_s: f64| 1_700_000_000 * SECOND_NS + (unix_s * 1e9) as u64;
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), 2 * SECOND_NS, 10 * SECOND_NS, 2_250_000_000);
+        write(folder.path(), 10 * SECOND_NS, 12 * SECOND_NS, 2_250_000_000);
+        for (unix_s, named) in [(1.5, ["1.500 s", "2.000 s"]), (12.5, ["12.500 s", "11.990 s"])] {
+            let refused = snapshot(folder.path(), at_ns(unix_s)).unwrap_err();
+            let text = refused.to_string();
+            assert!(refused.exit_code() == 2 && named.iter().all(|named| text.contains(named)), "{text}");
+        }
+        // The end as `nims info` rounds it.
+        assert_eq!(snapshot(folder.path(), at_ns(12.0)).unwrap().cycle, Some(1199));
+        // The same for a file without an index.
+        let file = folder.path().join("run-0002.mcap");
+        let bytes = std::fs::read(&file).unwrap();
+        std::fs::write(&file, &bytes[..bytes.len() * 9 / 10]).unwrap();
+        assert_eq!(snapshot(folder.path(), at_ns(20.0)).unwrap_err().exit_code(), 2);
     }
 
     #[test]

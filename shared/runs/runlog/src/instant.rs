@@ -35,6 +35,8 @@ pub struct KeptSample {
 pub struct Instant {
     /// By channel name: the last samples that were published by then, the newest last; at most [`RECENT`].
     pub samples: BTreeMap<String, VecDeque<KeptSample>>,
+    /// Log time of the last sample of the run, UNIX time, ns; 0 without samples.
+    pub end_ns: u64,
     /// Chunks that were read.
     pub chunks: usize,
     /// Files that were read from their beginning, because they have no index: they were not finished.
@@ -68,6 +70,7 @@ impl Instant {
     fn fill_up(&mut self, earlier: Self) {
         self.chunks += earlier.chunks;
         self.scanned += earlier.scanned;
+        self.end_ns = self.end_ns.max(earlier.end_ns);
         for (name, mut all) in earlier.samples {
             let later = self.samples.remove(&name).unwrap_or_default();
             // A file begins with the last samples of silent channels. Leave out a repeated one: the original has the
@@ -83,6 +86,8 @@ impl Instant {
 
     /// Adds the samples of a finished file, except of channels that have enough.
     fn by_index(&mut self, file: &Path, index: &Index, at_ns: u64, enough: &BTreeSet<String>) -> Result<(), RunError> {
+        // The chunk that ends last is the first one.
+        self.end_ns = index.chunks.first().map_or(0, |chunk| chunk.message_end_time);
         let mut scanner = Scanner::open(file)?;
         for chunk in index.chunks.iter().filter(|chunk| chunk.message_start_time <= at_ns) {
             // A channel needs this chunk if it may hold a newer sample than those found, or one more of them.
@@ -121,6 +126,7 @@ impl Instant {
         let mut reader = RunReader::open(file)?;
         self.scanned += 1;
         while let Some(recorded) = reader.next_sample()? {
+            self.end_ns = self.end_ns.max(recorded.log_time_ns);
             if recorded.log_time_ns <= at_ns && !enough.contains(&recorded.channel.name) {
                 self.keep(&recorded);
             }
