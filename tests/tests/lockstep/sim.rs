@@ -277,6 +277,52 @@ fn a_flight_that_fails_says_why_and_the_others_go_on() {
     }
 }
 
+/// A robot whose mass and drives come from a file of `nims identify` beside the robot file.
+fn with_identified(folder: &Path) -> PathBuf {
+    let system = std::fs::read_to_string(project().join("configs/systems/demo3.toml")).unwrap();
+    let robot = std::fs::read_to_string(project().join("configs/robots/lab3.toml")).unwrap();
+    let named = robot.replacen("[robot]\n", "[robot]\nidentified = \"found.toml\"\n", 1);
+    assert_ne!(robot, named);
+    std::fs::write(folder.join("robot.toml"), named).unwrap();
+    std::fs::write(folder.join("found.toml"), "node_mass_kg = 2.25\ndelay_s = 0.03\nlag_s = 0.04\n").unwrap();
+    let mut system: toml::Table = system.parse().unwrap();
+    system.insert("robot".to_owned(), "robot.toml".into());
+    let missions = project().join("configs/missions");
+    let planner = system.entry("planner").or_insert_with(|| toml::Table::new().into()).as_table_mut().unwrap();
+    planner.insert("missions".to_owned(), missions.to_str().unwrap().into());
+    let path = folder.join("system.toml");
+    std::fs::write(&path, system.to_string()).unwrap();
+    path
+}
+
+#[test]
+fn a_robot_with_an_identified_file_flies_with_changed_values_and_its_runs_have_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let system = with_identified(folder.path());
+    let run = |options: &[&str]| {
+        let words = ["sim", system.to_str().unwrap(), "--longest", "12"].into_iter().chain(options.iter().copied());
+        nims_sim::run(&Cli::parse_from(words).args)
+    };
+    let out = folder.path().join("flights");
+    let flown = run(&["--set", "robot.speed_limit_m_s=0.9", "--out", out.to_str().unwrap()]).unwrap();
+    assert!(flown.value["flights"][0]["failed"].is_null(), "{}", flown.value);
+    let refused = run(&["--sweep", "robot.node_mass_kg=2,3"]).unwrap_err();
+    let named = ["robot.node_mass_kg", "found.toml"].iter().all(|named| refused.to_string().contains(named));
+    assert!(refused.exit_code() == 2 && named, "{refused}");
+    // The run file alone, as another computer gets it.
+    let file = folder.path().join("alone").join("run.mcap");
+    std::fs::create_dir(file.parent().unwrap()).unwrap();
+    std::fs::copy(out.join("001-as-configured/run.mcap"), &file).unwrap();
+    let set = |key: &str| replay::Changes { set: vec![(key.to_owned(), "2.0".to_owned())], ..Default::default() };
+    let replayed = replay::run(&file, &Default::default(), &mut |_| ()).unwrap();
+    assert!(replayed.different() == 0 && replayed.equal() > 1000, "{} differ", replayed.different());
+    assert_eq!(replay::run(&file, &set("robot.node_mass_kg"), &mut |_| ()).unwrap_err().exit_code(), 2);
+    let figures = analysis::report::figures(&file).unwrap();
+    assert!(!figures["lacks"].to_string().contains("robot.toml"), "{}", figures["lacks"]);
+    let name = config::SystemFile::load(&system).unwrap().name;
+    assert_eq!(figures["recording"]["about"]["system"], name);
+}
+
 /// A custom program that runs with the modules of `scripts/python`.
 fn python(script: &Path) -> String {
     format!("env PYTHONPATH={} python3 {}", project().join("scripts/python").display(), script.display())

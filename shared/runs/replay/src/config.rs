@@ -83,6 +83,12 @@ impl Configuration {
         }
         let file = SystemFile::load(&folder.path().join(SYSTEM_FILE)).map_err(|error| plain(&error))?;
         let robot = file.robot_file().map_err(|error| plain(&error))?;
+        let replaced = |key: &&String| robot.replaced.iter().any(|one| one.key == key.as_str());
+        if let Some(key) = changes.set.iter().map(|(key, _)| key).find(replaced) {
+            return Err(Failure::BadInput(format!(
+                "--set {key} has no effect, because the run's identified file takes its place; set another key"
+            )));
+        }
         let core = CoreConfig::from_files(&file, &robot).map_err(|error| plain(&error))?;
         let this = Self {
             core,

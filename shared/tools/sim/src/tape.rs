@@ -1,6 +1,6 @@
 //! A run file of a flight in lockstep, in the format of the recorder.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -9,6 +9,7 @@ use config::SystemFile;
 use lockstep::{Cycle, Slots};
 use messages::{Message, SLOT_NAMES, TruthNode};
 use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunWriter};
+use runtime::build;
 
 /// Cycles between two samples of `energy`, as in motor-io.
 const ENERGY_CYCLES: u64 = 10;
@@ -23,18 +24,27 @@ pub struct Tape {
 }
 
 impl Tape {
-    /// Begins a file with the system file at `system_path` and its robot file inside.
+    /// Begins a file with the system file at `system_path`, its robot file, and the files that this one names inside.
     ///
     /// # Errors
     /// If the files are wrong.
     pub fn new(path: &Path, system_path: &Path) -> Result<Self> {
-        let robot = SystemFile::load(system_path)?.robot;
+        let file = SystemFile::load(system_path)?;
+        let robot = &file.robot;
         let attachment = |name: &str, path: &Path| -> Result<Attachment> {
             Ok(Attachment { name: name.into(), media_type: "application/toml".into(), data: fs::read(path)? })
         };
-        let attachments = [attachment("system.toml", system_path)?, attachment("robot.toml", &robot)?];
+        let mut attachments = vec![attachment("system.toml", system_path)?, attachment("robot.toml", robot)?];
+        for named in file.robot_file()?.named_files(robot.parent().unwrap_or(Path::new(""))) {
+            let name = named.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            attachments.push(attachment(&name, &named)?);
+        }
+        let about = BTreeMap::from([
+            ("nims_version".to_owned(), build::VERSION.to_owned()),
+            ("system".to_owned(), file.name.clone()),
+        ]);
         let clock = RunClock { t0_unix_ns: BEGAN_UNIX_NS, t0_mono_ns: 0 };
-        let writer = RunWriter::create(path, clock, &Default::default(), &attachments)?;
+        let writer = RunWriter::create(path, clock, &about, &attachments)?;
         Ok(Self { writer, channels: HashMap::new(), beat: 0 })
     }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use command::{Answer, Failure};
+use config::RobotFile;
 use toml_edit::{DocumentMut, Item, Table, Value};
 
 use crate::files;
@@ -184,7 +185,7 @@ impl Variant {
     /// robot file of the system.
     ///
     /// # Errors
-    /// A file cannot be read or written, a key has no section, or the world is not accepted.
+    /// A file cannot be read or written, a key has no section or no effect, or the world is not accepted.
     pub fn write(&self, system: &Path, robot: &Path, folder: &Path) -> Answer<()> {
         let mut document = nims_truth::moved(system, folder)?;
         let (robot_sets, system_sets): (Vec<&Assignment>, Vec<&Assignment>) =
@@ -192,7 +193,9 @@ impl Variant {
         if !robot_sets.is_empty() {
             let text = fs::read_to_string(robot).map_err(Failure::bad)?;
             let mut changed: DocumentMut = text.parse().map_err(Failure::bad)?;
-            make_absolute(&mut changed, robot.parent().unwrap_or(Path::new("")));
+            let file = RobotFile::load(robot).map_err(Failure::bad)?;
+            robot_sets.iter().try_for_each(|assignment| has_effect(&file, &robot_sets, assignment))?;
+            make_absolute(&mut changed, robot.parent().unwrap_or(Path::new("")), &file);
             robot_sets.into_iter().try_for_each(|assignment| set(changed.as_table_mut(), assignment))?;
             files::write(&folder.join("robot.toml"), changed.to_string())?;
             document.insert("robot", toml_edit::value("robot.toml"));
@@ -247,24 +250,31 @@ fn set(table: &mut Table, Assignment { key, value }: &Assignment) -> Answer<()> 
     Ok(())
 }
 
+/// Refuses a value that the identified file of the robot replaces: all flights would be alike.
+fn has_effect(file: &RobotFile, all: &[&Assignment], Assignment { key, .. }: &Assignment) -> Answer {
+    let is_another = all.iter().any(|set| set.key == "robot.identified");
+    match &file.robot.identified {
+        Some(identified) if !is_another && file.replaced.iter().any(|one| one.key == key) => {
+            Err(Failure::BadInput(format!(
+                "{key} has no effect, because {} takes its place; delete that key there, or set another one",
+                identified.display()
+            )))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// The files that a robot file names stay where they are.
-fn make_absolute(robot: &mut DocumentMut, folder: &Path) {
-    let absolute = |path: &str| -> String {
-        let path = folder.join(path);
-        std::path::absolute(&path).unwrap_or(path).display().to_string()
-    };
-    for (section, key) in [("robot", "calibration"), ("motor", "table")] {
+fn make_absolute(robot: &mut DocumentMut, folder: &Path, file: &RobotFile) {
+    let absolute = |path: PathBuf| std::path::absolute(&path).unwrap_or(path).display().to_string();
+    let mut resolved = file.named_files(folder).into_iter().map(absolute);
+    for (dotted, named) in file.names_of_files() {
+        let paths: Vec<String> = resolved.by_ref().take(named.len()).collect();
+        let Some((section, key)) = dotted.split_once('.') else { continue };
         match robot.get_mut(section).and_then(|section| section.get_mut(key)).and_then(Item::as_value_mut) {
-            Some(Value::String(path)) => {
-                let path = absolute(path.value());
-                robot[section][key] = toml_edit::value(path);
-            }
-            Some(Value::Array(paths)) => {
-                let all: Vec<PathBuf> =
-                    paths.iter().filter_map(Value::as_str).map(|path| absolute(path).into()).collect();
-                *paths = all.iter().map(|path| path.display().to_string()).collect();
-            }
-            _ => {}
+            Some(Value::Array(listed)) => *listed = paths.into_iter().collect(),
+            Some(value) => *value = Value::from(paths.concat()),
+            None => {}
         }
     }
 }
