@@ -161,8 +161,49 @@ fn only_the_requested_channels_are_exported_and_nothing_is_overwritten() {
             if wanted == &["sensor/rain"] && there.contains(&"motor/input".into())),
         "{error}"
     );
+    // One wrong name beside a right one leaves no table behind.
+    let other = folder.path().join("other");
+    let mut both = wanted(Format::Csv, &other);
+    both.channels = vec!["motor/state".into(), "motor/stat".into(), "sensor/*".into()];
+    let error = export(&recorded, &both, &mut |_, _| {}).unwrap_err();
+    assert!(
+        matches!(&error, RunError::NotARun { what: NotARunReason::NoChannel { wanted, .. }, .. } if wanted == &["motor/stat"]),
+        "{error}"
+    );
+    assert_eq!(std::fs::read_dir(&other).unwrap().count(), 0);
     let mut late = wanted(Format::Csv, &tables);
     late.from_s = 1e6;
     let error = export(&recorded, &late, &mut |_, _| {}).unwrap_err();
     assert!(matches!(error, RunError::NotARun { what: NotARunReason::NoSampleThen, .. }), "{error}");
+}
+
+#[test]
+fn a_second_export_into_a_folder_keeps_the_definitions_of_the_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let (recorded, tables) = (folder.path().join("run"), folder.path().join("tables"));
+    std::fs::create_dir(&recorded).unwrap();
+    run(&recorded);
+    let export = |channel: &str| {
+        let args = analysis::export::Args {
+            run: recorded.clone(),
+            out: Some(tables.clone()),
+            format: analysis::export::TableFormat::Csv,
+            channel: vec![channel.to_owned()],
+            from: None,
+            to: None,
+        };
+        analysis::export::run(&args).unwrap().value["tables"].as_array().unwrap().len()
+    };
+    let listed = || -> Vec<String> {
+        let text = std::fs::read_to_string(tables.join("tables.json")).unwrap();
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let tables = value["tables"].as_array().unwrap();
+        assert!(tables.iter().all(|table| !table["definition"].as_str().unwrap().is_empty()));
+        tables.iter().map(|table| table["channel"].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!((export("truth/node"), listed()), (1, vec!["truth/node".to_owned()]));
+    assert_eq!((export("motor/*"), listed().len()), (2, 3));
+    std::fs::remove_file(tables.join("truth.node.csv")).unwrap();
+    assert_eq!(export("operator/request"), 1);
+    assert_eq!(listed(), ["motor/input", "motor/state", "operator/request"]);
 }

@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use command::values::finite;
 use command::{Answer, Failure, Output};
 use runlog::export::{ExportRequest, ExportResult};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -75,10 +75,36 @@ pub fn run(args: &Args) -> Answer<Output> {
     let value = json!({ "run": args.run, "folder": request.folder, "tables": export.tables, "left_out": export.left_out,
         "repeated": export.repeated, "damaged": export.damaged });
     let contents = request.folder.join(CONTENTS);
-    let text = serde_json::to_string_pretty(&value).map_err(Failure::not_now)?;
+    let text = serde_json::to_string_pretty(&with_earlier(&contents, value.clone())).map_err(Failure::not_now)?;
     std::fs::write(&contents, text + "\n")
         .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", contents.display())))?;
     Ok(Output::new(value, words(&export, &request.folder)))
+}
+
+/// Adds the tables that an earlier export into the same folder left, as far as they are there.
+fn with_earlier(contents: &Path, mut value: Value) -> Value {
+    let earlier = std::fs::read_to_string(contents).ok().and_then(|text| serde_json::from_str::<Value>(&text).ok());
+    let files: Vec<String> = rows(&value, "tables").iter().map(|table| file_of(table)).collect();
+    let is_kept = |table: &Value| {
+        let file = file_of(table);
+        !files.contains(&file) && contents.with_file_name(&file).is_file()
+    };
+    let kept = earlier.map(|earlier| rows(&earlier, "tables")).unwrap_or_default();
+    let mut tables = rows(&value, "tables");
+    tables.extend(kept.into_iter().filter(is_kept));
+    tables.sort_by_key(|table| (table["channel"].to_string(), file_of(table)));
+    value["tables"] = Value::Array(tables);
+    value
+}
+
+fn rows(value: &Value, key: &str) -> Vec<Value> {
+    value[key].as_array().cloned().unwrap_or_default()
+}
+
+/// Returns the name of a table's file: the folder may have been moved since.
+fn file_of(table: &Value) -> String {
+    let path = Path::new(table["file"].as_str().unwrap_or_default());
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Returns `export` in the run folder, or in the folder of a run file.

@@ -117,8 +117,7 @@ const PROGRESS_SAMPLES: u64 = 1 << 14;
 /// Exports a run file or a run folder. `progress` receives the bytes read and the bytes in total.
 ///
 /// # Errors
-/// There is no run, it has none of the requested channels, or a table cannot be written. An existing table is not
-/// overwritten.
+/// There is no run, it lacks a requested channel, or a table cannot be written. An existing table is not overwritten.
 pub fn export(
     run: &Path,
     wanted: &ExportRequest,
@@ -169,8 +168,9 @@ pub fn export(
         }
     }
     progress(reader.bytes(), reader.bytes());
-    if channels.is_empty() {
-        return Err(RunError::not_a_run(run, nothing_found(&reader, wanted)));
+    if let Some(why) = not_found(&reader, wanted, channels.is_empty()) {
+        discard(channels);
+        return Err(RunError::not_a_run(run, why));
     }
     for channel in channels.into_values() {
         let Channel::Open(open) = channel else { continue };
@@ -250,24 +250,37 @@ fn file_name(channel: &RecordedChannel, names: &[String]) -> String {
 }
 
 fn is_wanted(patterns: &[String], name: &str) -> bool {
-    patterns.is_empty()
-        || patterns.iter().any(|pattern| match pattern.strip_suffix('*') {
-            Some(beginning) => name.starts_with(beginning),
-            None => name == pattern,
-        })
+    patterns.is_empty() || patterns.iter().any(|pattern| fits(pattern, name))
 }
 
-fn nothing_found(reader: &RunReader, wanted: &ExportRequest) -> NotARunReason {
+fn fits(pattern: &str, name: &str) -> bool {
+    match pattern.strip_suffix('*') {
+        Some(beginning) => name.starts_with(beginning),
+        None => name == pattern,
+    }
+}
+
+/// Why the export is not the requested one, once `reader` has reached the end of the run.
+fn not_found(reader: &RunReader, wanted: &ExportRequest, is_empty: bool) -> Option<NotARunReason> {
     let mut names: Vec<&str> = reader.channels().iter().map(|channel| channel.name.as_str()).collect();
     names.sort_unstable();
+    let is_absent = |pattern: &&String| !names.iter().any(|name| fits(pattern, name));
+    let absent: Vec<String> = wanted.channels.iter().filter(is_absent).cloned().collect();
     if names.is_empty() {
-        return NotARunReason::NoSamples;
-    }
-    let absent = !names.iter().any(|name| is_wanted(&wanted.channels, name));
-    if absent {
-        let there = names.into_iter().map(str::to_owned).collect();
-        NotARunReason::NoChannel { wanted: wanted.channels.clone(), there }
+        Some(NotARunReason::NoSamples)
+    } else if !absent.is_empty() {
+        Some(NotARunReason::NoChannel { wanted: absent, there: names.into_iter().map(str::to_owned).collect() })
     } else {
-        NotARunReason::NoSampleThen
+        is_empty.then_some(NotARunReason::NoSampleThen)
+    }
+}
+
+/// Removes the tables of an export that is not the requested one.
+fn discard(channels: HashMap<usize, Channel>) {
+    for channel in channels.into_values() {
+        if let Channel::Open(open) = channel {
+            // The error about the request says more than one about the removal.
+            let _ = fs::remove_file(&open.exported.file);
+        }
     }
 }
