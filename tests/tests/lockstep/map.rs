@@ -48,6 +48,11 @@ fn moisture(x: f64, y: f64) -> f64 {
 /// Flies a raster over the ground with a rangefinder that looks down and a probe, and writes a run file; with
 /// `sample/*` if `logged`.
 fn fly(path: &Path, logged: bool) {
+    fly_logged(path, |_| logged);
+}
+
+/// The same with `sample/*` in the cycles in which the sensor logger runs.
+fn fly_logged(path: &Path, logged: impl Fn(u64) -> bool) {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
     let mut scenario = case.scenario(true).unwrap();
     let folder = tempfile::tempdir().unwrap();
@@ -98,7 +103,7 @@ fn fly(path: &Path, logged: bool) {
             logger.reading(0, bytemuck::bytes_of(&reading), stamp_ns);
         }
         while let Some((_, sample)) = logger.next_sample(stamp_ns) {
-            if logged {
+            if logged(number) {
                 tape.write("sample/range", sample).unwrap();
             }
         }
@@ -287,6 +292,25 @@ fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
     for [x, y, percent, sigma] in cells(&folder.path().join("map"), "soil") {
         assert!((percent - moisture(x, y)).abs() < 4.0 * sigma + 0.02, "{x} {y} {percent} {sigma}");
     }
+}
+
+/// The sensor logger was started late, and died and was restarted on the way.
+#[test]
+fn what_the_sensor_logger_did_not_record_is_computed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, whole) = (folder.path().join("run.mcap"), folder.path().join("whole.mcap"));
+    fly_logged(&run, |cycle| (1000..3000).contains(&cycle) || cycle > 4500);
+    fly(&whole, true);
+    let (parts, all) = (folder.path().join("parts"), folder.path().join("all"));
+    let told = map(&asked(&run, &parts)).unwrap().value["maps"][0].clone();
+    let complete = map(&asked(&whole, &all)).unwrap().value["maps"][0].clone();
+    assert_eq!((&told["samples_are"], &complete["samples_are"]), (&"recorded and computed".into(), &"recorded".into()));
+    // At each border between the two, samples of at most two seconds are missing.
+    let samples = |told: &Value| told["samples"].as_u64().unwrap();
+    assert!(samples(&told) + 3 * 110 > samples(&complete) && samples(&told) <= samples(&complete), "{told}");
+    assert!(told["computed"].as_u64().unwrap() > 1000, "{told}");
+    let (a, b) = (cells(&parts, "range"), cells(&all, "range"));
+    assert!(a.len() * 100 >= b.len() * 98, "{} of {} cells", a.len(), b.len());
 }
 
 #[test]

@@ -10,7 +10,7 @@ mod read;
 
 pub use contour::{contours, levels};
 use globe::Globe;
-pub use read::{Origin, logger_config, read_samples, sensor_settings};
+pub use read::{Origin, Wanted, logger_config, read_samples, sensor_settings};
 
 use crate::runs::require_run;
 use command::values::above_zero;
@@ -69,7 +69,25 @@ const MAX_CELLS: f64 = 2000.0;
 #[derive(Default)]
 struct SensorSamples {
     samples: Vec<Sample>,
-    origin: Origin,
+    /// How many of them were computed.
+    computed: usize,
+}
+
+impl SensorSamples {
+    /// Sorts what comes from two sources by time.
+    fn sort(&mut self) {
+        if self.computed > 0 && self.computed < self.samples.len() {
+            self.samples.sort_by_key(|sample| sample.header.stamp_ns);
+        }
+    }
+
+    fn origin(&self) -> &'static str {
+        match self.computed {
+            0 => "recorded",
+            all if all == self.samples.len() => "computed",
+            _ => "recorded and computed",
+        }
+    }
 }
 
 /// Runs `nims map`.
@@ -85,22 +103,17 @@ pub fn run(args: &Args) -> Answer<Output> {
     let plane = config.plane;
     let mut measured: BTreeMap<String, SensorSamples> = BTreeMap::new();
     let mut sensors = Vec::new();
-    let track = read_samples(&args.run, &config, &mut sensors, &mut |name, origin, sample| {
+    let wanted = if args.recompute { Wanted::Computed } else { Wanted::All };
+    let track = read_samples(&args.run, &config, wanted, &mut sensors, &mut |name, origin, sample| {
         if args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == name) {
             let sensor = measured.entry(name.to_owned()).or_default();
-            if args.recompute && origin == Origin::Recorded || !is_between(args, plane.across(sample.position_m)) {
-                return;
+            if is_between(args, plane.across(sample.position_m)) {
+                sensor.computed += usize::from(origin == Origin::Computed);
+                sensor.samples.push(*sample);
             }
-            // Samples recorded in flight have priority; computed ones are used if there are none.
-            match (sensor.origin, origin) {
-                (Origin::Recorded, Origin::Computed) => return,
-                (Origin::Computed, Origin::Recorded) => sensor.samples.clear(),
-                _ => {}
-            }
-            sensor.origin = origin;
-            sensor.samples.push(*sample);
         }
     })?;
+    measured.values_mut().for_each(SensorSamples::sort);
     if let Some(absent) = args.sensor.iter().find(|name| !sensors.contains(name)) {
         let there = if sensors.is_empty() { "none".to_owned() } else { sensors.join(", ") };
         return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
@@ -135,32 +148,23 @@ pub fn run(args: &Args) -> Answer<Output> {
 /// # Errors
 /// The run cannot be read.
 pub fn maps_of_run(run: &Path, config: &LoggerConfig) -> Answer<BTreeMap<String, SensorMap>> {
-    // For each sensor, one map of recorded and one of computed samples; the choice is possible only at the end.
-    let mut areas: BTreeMap<(String, bool), Area> = BTreeMap::new();
-    read_samples(run, config, &mut Vec::new(), &mut |name, origin, sample| {
-        let area =
-            areas.entry((name.to_owned(), origin == Origin::Computed)).or_insert_with(|| Area::new(config, name));
-        area.add(sample);
+    let mut areas: BTreeMap<String, Area> = BTreeMap::new();
+    read_samples(run, config, Wanted::All, &mut Vec::new(), &mut |name, _, sample| {
+        areas.entry(name.to_owned()).or_insert_with(|| Area::new(config, name)).add(sample);
     })?;
-    let fill = |(key, area): (&(String, bool), &Area)| {
+    let fill = |(name, area): (&String, &Area)| {
         let corners = area.corners_m?;
-        Some((key.clone(), empty_map(config, &key.0, &corners, None, None).ok()?))
+        Some((name.clone(), empty_map(config, name, &corners, None, None).ok()?))
     };
-    let mut maps: BTreeMap<(String, bool), SensorMap> = areas.iter().filter_map(fill).collect();
-    read_samples(run, config, &mut Vec::new(), &mut |name, origin, sample| {
-        if let Some(map) = maps.get_mut(&(name.to_owned(), origin == Origin::Computed)) {
+    let mut maps: BTreeMap<String, SensorMap> = areas.iter().filter_map(fill).collect();
+    read_samples(run, config, Wanted::All, &mut Vec::new(), &mut |name, _, sample| {
+        if let Some(map) = maps.get_mut(name) {
             map.add(sample);
         }
     })?;
-    let mut chosen = BTreeMap::new();
-    // recorded ones come first
-    for ((name, _), mut map) in maps {
-        if map.grid().has_scale() && !chosen.contains_key(&name) {
-            map.grid_mut().refresh_all();
-            chosen.insert(name, map);
-        }
-    }
-    Ok(chosen)
+    maps.retain(|_, map| map.grid().has_scale());
+    maps.values_mut().for_each(|map| map.grid_mut().refresh_all());
+    Ok(maps)
 }
 
 /// Smallest rectangle around the samples of a sensor.
@@ -272,13 +276,10 @@ fn describe(name: &str, map: &SensorMap, measured: &SensorSamples, written: &[Pa
     let median = sigmas.get(sigmas.len() / 2).copied();
     let counts = map.grid().counts();
     let [quantity, unit] = map.names();
-    let origin = match measured.origin {
-        Origin::Recorded => "recorded",
-        Origin::Computed => "computed",
-    };
+    let origin = measured.origin();
     let mixed_m = map.mixed_m();
     let value = json!({
-        "sensor": name, "samples_are": origin, "across_axis": map.plane().across_axis(), "mixed_m": mixed_m, "samples": counts.inside, "left_out": measured.samples.len() as u64 - counts.inside,
+        "sensor": name, "samples_are": origin, "computed": measured.computed, "across_axis": map.plane().across_axis(), "mixed_m": mixed_m, "samples": counts.inside, "left_out": measured.samples.len() as u64 - counts.inside,
         "quantity": quantity, "unit": unit, "axes": map.plane().axes(),
         "origin_m": spec.origin_m, "cell_m": spec.cell_m, "columns": spec.columns, "rows": spec.rows,
         "reach_m": map.grid().options().reach_m, "known_cells": known.len(), "low": low, "high": high,

@@ -8,11 +8,17 @@ use config::{RobotFile, SensorLoggerSection};
 use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{MotorAuthority, NodeEstimate, Sample};
 use runlog::{Attachment, RecordedSample, RunClock, RunReader, system_file_text, utc};
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 
 /// Minimum distance of points on the drawn path, m.
 const STEP_M: f64 = 0.01;
+
+/// Time around a recorded sample for which its sensor counts as recorded, ns: the sensor logger leaves out single readings
+/// on purpose, and a restart takes longer.
+const APART_NS: u64 = 2_000_000_000;
+/// Age from which a stretch of recorded samples is forgotten, ns: readings arrive in about their order.
+const LONG_NS: u64 = 60_000_000_000;
 
 /// Origin of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -21,6 +27,15 @@ pub enum Origin {
     Recorded,
     /// Computed from readings and estimates.
     #[default]
+    Computed,
+}
+
+/// Which samples of a run are wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wanted {
+    /// The recorded ones, and computed ones where the sensor logger recorded none.
+    All,
+    /// Every one computed again.
     Computed,
 }
 
@@ -106,7 +121,8 @@ fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> 
     }
 }
 
-/// Passes every sample of every sensor to `take` as name, origin and sample, in memory that does not grow with the run.
+/// Passes the wanted samples of every sensor to `take` as name, origin and sample, in memory that does not grow with the
+/// run. Computed samples follow some seconds after the recorded ones of their time.
 /// Adds the names of all sensors to `sensors` and returns the flown path.
 ///
 /// # Errors
@@ -114,6 +130,7 @@ fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> 
 pub fn read_samples(
     run: &Path,
     config: &LoggerConfig,
+    wanted: Wanted,
     sensors: &mut Vec<String>,
     take: &mut dyn FnMut(&str, Origin, &Sample),
 ) -> Answer<Vec<[f64; 3]>> {
@@ -124,6 +141,8 @@ pub fn read_samples(
         logger: Logger::new(config).map_err(Failure::not_now)?,
         numbers: HashMap::new(),
         names: Vec::new(),
+        wanted,
+        waiting: Vec::new(),
         now_ns: 0,
         track: Vec::new(),
     };
@@ -138,6 +157,7 @@ pub fn read_samples(
     }
     show(reader.bytes(), reader.bytes());
     samples.emit(u64::MAX, take);
+    samples.release(u64::MAX, take);
     Ok(samples.track)
 }
 
@@ -148,6 +168,9 @@ struct SampleReader<'a> {
     /// Index of a channel's sensor in the logger by channel index; `None` if the channel cannot be used.
     numbers: HashMap<usize, Option<usize>>,
     names: Vec<String>,
+    wanted: Wanted,
+    /// Of each sensor, by name.
+    waiting: Vec<(String, Undecided)>,
     now_ns: u64,
     track: Vec<[f64; 3]>,
 }
@@ -168,6 +191,7 @@ impl SampleReader<'_> {
                     self.track.push(estimate.position_m);
                 }
                 self.emit(self.now_ns, take);
+                self.release(self.now_ns, take);
             }
         } else if channel == "motor/authority" {
             if let Some(authority) = recorded.decode::<MotorAuthority>() {
@@ -176,7 +200,10 @@ impl SampleReader<'_> {
         } else if let Some(name) = channel.strip_prefix("sample/") {
             if let Some(sample) = recorded.decode::<Sample>() {
                 add_name(sensors, name);
-                take(name, Origin::Recorded, &sample);
+                if self.wanted == Wanted::All {
+                    self.undecided(name).is_recorded(sample.header.stamp_ns);
+                    take(name, Origin::Recorded, &sample);
+                }
             }
         } else if let Some(name) = channel.strip_prefix("sensor/") {
             if !self.numbers.contains_key(&recorded.index) {
@@ -203,11 +230,77 @@ impl SampleReader<'_> {
 
     fn emit(&mut self, now_ns: u64, take: &mut dyn FnMut(&str, Origin, &Sample)) {
         while let Some((number, sample)) = self.logger.next_sample(now_ns) {
-            if let Some(name) = self.names.get(number) {
+            let Some(name) = self.names.get(number).cloned() else { continue };
+            match self.wanted {
+                Wanted::All => {
+                    let now_ns = self.now_ns;
+                    self.undecided(&name).computed.push_back((now_ns, sample));
+                }
+                Wanted::Computed => take(&name, Origin::Computed, &sample),
+            }
+        }
+    }
+
+    fn undecided(&mut self, name: &str) -> &mut Undecided {
+        let at = self.waiting.iter().position(|(known, _)| known == name).unwrap_or_else(|| {
+            self.waiting.push((name.to_owned(), Undecided::default()));
+            self.waiting.len() - 1
+        });
+        &mut self.waiting[at].1
+    }
+
+    /// Passes the computed samples on whose time is known to have no recorded one.
+    fn release(&mut self, now_ns: u64, take: &mut dyn FnMut(&str, Origin, &Sample)) {
+        for (name, undecided) in &mut self.waiting {
+            while let Some(sample) = undecided.next(now_ns) {
                 take(name, Origin::Computed, &sample);
             }
         }
     }
+}
+
+/// Computed samples of a sensor that wait until it is known whether the sensor logger recorded any at their time.
+#[derive(Default)]
+struct Undecided {
+    /// Each with the time at which it was computed, ns.
+    computed: VecDeque<(u64, Sample)>,
+    /// First and last stamp of stretches in which samples were recorded, ns.
+    recorded: VecDeque<[u64; 2]>,
+}
+
+impl Undecided {
+    fn is_recorded(&mut self, stamp_ns: u64) {
+        match self.recorded.back_mut() {
+            Some([from_ns, to_ns]) if is_near([*from_ns, *to_ns], stamp_ns) => {
+                (*from_ns, *to_ns) = ((*from_ns).min(stamp_ns), (*to_ns).max(stamp_ns));
+            }
+            _ => self.recorded.push_back([stamp_ns; 2]),
+        }
+    }
+
+    /// Returns the next sample that the sensor logger did not record.
+    fn next(&mut self, now_ns: u64) -> Option<Sample> {
+        while let Some((at_ns, sample)) = self.computed.front() {
+            if at_ns.saturating_add(2 * APART_NS) > now_ns {
+                return None;
+            }
+            let stamp_ns = sample.header.stamp_ns;
+            // Stretches long before it are no neighbours of later samples either.
+            while self.recorded.front().is_some_and(|[_, to_ns]| to_ns.saturating_add(LONG_NS) < stamp_ns) {
+                self.recorded.pop_front();
+            }
+            let known = self.recorded.iter().any(|stretch| is_near(*stretch, stamp_ns));
+            let (_, sample) = self.computed.pop_front()?;
+            if !known {
+                return Some(sample);
+            }
+        }
+        None
+    }
+}
+
+fn is_near([from_ns, to_ns]: [u64; 2], stamp_ns: u64) -> bool {
+    (from_ns.saturating_sub(APART_NS)..=to_ns.saturating_add(APART_NS)).contains(&stamp_ns)
 }
 
 fn add_name(sensors: &mut Vec<String>, name: &str) {
