@@ -46,6 +46,8 @@ ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 # Samples per channel at the start of a file that may repeat the end of the previous file.
 REPEATS = 1024
 RECOVERED = "-recovered"
+# Names that a recorder or a recovery gives, without their ending.
+RUN_FILE = re.compile(r"run(-\d+)?(-recovered)?")
 FIELD = re.compile(r"^([A-Za-z][\w/]*)(?:\[(\d*)\])?\s+([a-z]\w*)$")
 # Uncompressed chunks that are kept, bytes: the channels of a short run are usually read one after the other.
 CACHE_BYTES = 64 * 2**20
@@ -169,7 +171,7 @@ class Run:
         self.files = _files_of(path) if path.is_dir() else [path]
         if not self.files:
             raise RunError(f"{path} holds no finished .mcap file: if the recorder was cut off, `nims recover {path}` restores it")
-        for file in path.glob("*.mcap.part") if path.is_dir() else []:
+        for file in path.glob("run*.mcap.part") if path.is_dir() else []:
             warnings.warn(
                 f"{file} is not finished and is skipped: unless it is being recorded, `nims recover {path}` restores it",
                 stacklevel=2,
@@ -383,8 +385,12 @@ class Run:
 
 
 def _files_of(folder):
-    """The files in the order of writing; a recovered file replaces its damaged original."""
+    """The files in the order of writing; a recovered file replaces its damaged original. Other files beside them, such as a
+    drawing of the run, are no part of it.
+    """
     files = {file.stem: file for file in folder.glob("*.mcap")}
+    of_run = {stem: file for stem, file in files.items() if RUN_FILE.fullmatch(stem)}
+    files = of_run or files
     bare = {stem.removesuffix(RECOVERED): stem for stem in sorted(files)}  # `run-recovered` sorts after `run`
     return [files[bare[stem]] for stem in sorted(bare)]
 

@@ -45,7 +45,8 @@ pub fn free_bytes(path: &Path) -> Result<u64, RunError> {
 }
 
 /// The run files of a folder in the order of writing: `run`, `run-0002`, ... A recovered file takes the place of the
-/// damaged one.
+/// damaged one. Other MCAP files beside them, such as a drawing of the run, are no part of it; a folder that has only
+/// other names is read whole.
 ///
 /// # Errors
 /// The folder cannot be read, or contains no run file.
@@ -58,12 +59,22 @@ pub fn segments(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
     if found.is_empty() {
         return Err(RunError::not_a_run(folder, NotARunReason::NoFiles));
     }
+    if found.iter().any(|(stem, _)| is_of_a_run(stem)) {
+        found.retain(|(stem, _)| is_of_a_run(stem));
+    }
     let of = |stem: &str| stem.strip_suffix(RECOVERED_ENDING).unwrap_or(stem).to_owned();
     let recovered: Vec<String> =
         found.iter().filter(|(stem, _)| stem.ends_with(RECOVERED_ENDING)).map(|(stem, _)| of(stem)).collect();
     found.retain(|(stem, _)| !recovered.contains(stem));
     found.sort_by_key(|(stem, path)| (of(stem), path.clone()));
     Ok(found.into_iter().map(|(_, path)| path).collect())
+}
+
+/// Whether a recorder or a recovery gives a file this name without its ending.
+fn is_of_a_run(stem: &str) -> bool {
+    let stem = stem.strip_suffix(RECOVERED_ENDING).unwrap_or(stem);
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|digit| digit.is_ascii_digit());
+    stem == "run" || stem.strip_prefix("run-").is_some_and(is_number)
 }
 
 /// The final name of the next file of a run: `run.mcap`, then `run-0002.mcap`, ... Existing names, finished or not, are
@@ -178,6 +189,14 @@ mod tests {
         let names: Vec<_> =
             segments(folder.path()).unwrap().iter().map(|path| path.file_name().unwrap().to_owned()).collect();
         assert_eq!(names, ["run-recovered.mcap", "run-0002.mcap.part", "run-0003-recovered.mcap"]);
+        // What lies beside the run is no part of it.
+        for name in ["visualization.mcap", "bag_0.mcap", "run-old.mcap", "other-recovered.mcap"] {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        assert_eq!(segments(folder.path()).unwrap().len(), 3);
+        let bags = tempfile::tempdir().unwrap();
+        fs::write(bags.path().join("bag_0.mcap"), "").unwrap();
+        assert_eq!(segments(bags.path()).unwrap(), [bags.path().join("bag_0.mcap")]);
         rustix::fs::mknodat(rustix::fs::CWD, folder.path().join("pipe.mcap"), FileType::Fifo, Mode::RWXU, 0).unwrap();
         for path in [folder.path().join("pipe.mcap"), folder.path().to_path_buf(), "/dev/zero".into()] {
             let opened = open_file(&path);
