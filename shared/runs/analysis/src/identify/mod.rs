@@ -66,7 +66,7 @@ fn mass(cables: &[Result<Identified, String>], modelled_kg: f64) -> Option<Value
     let mean = sum / weights;
     // Friction of pulleys differs between cables: the mean is no better than their spread says.
     let spread = all.iter().map(|share| (share - mean).powi(2)).sum::<f64>() / count;
-    let sigma = (1.0 / weights + spread / count).sqrt();
+    let sigma = (1.0 / weights + spread / (count - 1.0).max(1.0)).sqrt();
     Some(Value { value: mean * modelled_kg, sigma: sigma * modelled_kg })
 }
 
