@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> Answer<Output> {
 /// Adds the tables that an earlier export into the same folder left, as far as they are there.
 fn with_earlier(contents: &Path, mut value: Value) -> Value {
     let earlier = std::fs::read_to_string(contents).ok().and_then(|text| serde_json::from_str::<Value>(&text).ok());
-    let files: Vec<String> = rows(&value, "tables").iter().map(|table| file_of(table)).collect();
+    let files: Vec<String> = rows(&value, "tables").iter().map(file_of).collect();
     let is_kept = |table: &Value| {
         let file = file_of(table);
         !files.contains(&file) && contents.with_file_name(&file).is_file()

@@ -92,7 +92,7 @@ pub struct RunReport {
     pub started_unix_ns: Option<u64>,
     /// UNIX time from which the seconds of the run count, ns; see [`RunReader::begin_ns`].
     pub begin_unix_ns: Option<u64>,
-    /// First sample, s since the start of the run: some seconds in a whole run, more in a later file that is read alone.
+    /// First sample, s since the start of the run: in a later file that is read alone many minutes.
     pub first_s: f64,
     /// Time from the first to the last sample, s.
     pub duration_s: f64,

@@ -109,7 +109,7 @@ impl RunWriter {
             .create_new(true)
             .open(&part)
             .map_err(RunError::io(&part, "create the run file"))?;
-        // Tested after the creation: a file that another thread finishes meanwhile has one of the two names all the time.
+        // Tested after the creation: a file that another thread finishes meanwhile always has one of the two names.
         let made = match path.try_exists() {
             Ok(false) => Self::begin(path, file, clock, about, attachments),
             Ok(true) => Err(RunError::io(path, "create the run file")(io::ErrorKind::AlreadyExists.into())),

@@ -220,7 +220,7 @@ pub(crate) fn last_flight(out: &Path) -> Option<(usize, PathBuf)> {
     numbered.max()
 }
 
-/// Returns the number of a flight by the name of its folder; `None` for other folders, such as `2026-05-04T09-30-00Z-demo3`.
+/// Returns the number of a flight by the name of its folder; `None` for other folders, such as those of real runs.
 fn flight_number(name: &str) -> Option<usize> {
     let (number, flight) = name.split_once('-')?;
     let is_flight = number.len() >= 3 && flight.starts_with(|first: char| !first.is_ascii_digit());

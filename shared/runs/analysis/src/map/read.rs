@@ -14,8 +14,8 @@ use std::path::Path;
 /// Minimum distance of points on the drawn path, m.
 const STEP_M: f64 = 0.01;
 
-/// Time around a recorded sample for which its sensor counts as recorded, ns: the sensor logger leaves out single readings
-/// on purpose, and a restart takes longer.
+/// Time around a recorded sample for which its sensor counts as recorded, ns: the sensor logger leaves out single
+/// readings on purpose, and a restart takes longer.
 const APART_NS: u64 = 2_000_000_000;
 /// Age from which a stretch of recorded samples is forgotten, ns: readings arrive in about their order.
 const LONG_NS: u64 = 60_000_000_000;
@@ -121,8 +121,8 @@ fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> 
     }
 }
 
-/// Passes the wanted samples of every sensor to `take` as name, origin and sample, in memory that does not grow with the
-/// run. Computed samples follow some seconds after the recorded ones of their time.
+/// Passes the wanted samples of every sensor to `take` as name, origin and sample, in memory that does not grow with
+/// the run. Computed samples follow some seconds after the recorded ones of their time.
 /// Adds the names of all sensors to `sensors` and returns the flown path.
 ///
 /// # Errors
