@@ -101,7 +101,8 @@ fn legs_are_those_of_the_report_also_after_a_swap() {
     let run = record::fly(&folder.path().join("run.mcap"), &system_path, &CASE, 900).unwrap();
     let (legs, figures) = (table(&run, "legs"), figures(&run).unwrap());
     let wanted = figures["legs"].as_array().unwrap();
-    let slots: Vec<&str> = figures["in_charge"].as_array().unwrap().iter().map(|one| one["slot"].as_str().unwrap()).collect();
+    let slots: Vec<&str> =
+        figures["in_charge"].as_array().unwrap().iter().map(|one| one["slot"].as_str().unwrap()).collect();
     assert!(slots.contains(&"b") && wanted.len() >= 2, "{slots:?}");
     assert_eq!(legs.len(), wanted.len(), "{legs:?}");
     for (leg, wanted) in legs.iter().zip(wanted) {

@@ -334,7 +334,10 @@ fn a_law_with_an_answer_that_is_not_finite_flies_on() {
     let folder = tempfile::tempdir().unwrap();
     let (template, path) = (project().join("scripts/templates/law.py"), folder.path().join("law.py"));
     let law = std::fs::read_to_string(template).unwrap();
-    let broken = law.replace("    return [speed", "    if asked.cycle % 100 == 0:\n        return [float(\"nan\")] * 4\n    return [speed");
+    let broken = law.replace(
+        "    return [speed",
+        "    if asked.cycle % 100 == 0:\n        return [float(\"nan\")] * 4\n    return [speed",
+    );
     assert_ne!(law, broken);
     std::fs::write(&path, broken).unwrap();
     let flown = &flights(&fly("aq4", &["--program", &python(&path)]))[0];
@@ -363,9 +366,8 @@ fn greeted(script: &str) -> (String, String) {
 
 #[test]
 fn parameters_of_python_are_values_of_toml() {
-    let call = |parameters: &str| {
-        greeted(&format!("import math, nims_law\nnims_law.run(lambda asked: None, {parameters})\n"))
-    };
+    let call =
+        |parameters: &str| greeted(&format!("import math, nims_law\nnims_law.run(lambda asked: None, {parameters})\n"));
     let (answer, _) = call(
         "gain=1.5, count=3, tiny=1e-9, most=math.inf, name='a \"b\" \\x7f \\U0001f600\\n', on=True, \
          rows=[[1, 2], [3.5]], inner={'x': 1, 'a b': ['c']}, **{'a key': -0.0}",

@@ -29,8 +29,7 @@ fn stamped<T: Message>(mut sample: T, cycle: u64, stamp_ns: u64) -> T {
 #[test]
 fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
     let folder = tempfile::tempdir().unwrap();
-    let mut writer =
-        RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
+    let mut writer = RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
     let channels = [
         writer.add_channel(&ChannelSpec::for_type::<PlanMotion>("plan/motion")).unwrap(),
         writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
@@ -105,8 +104,7 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
 #[test]
 fn a_run_without_motion_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
-    let mut writer =
-        RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
+    let mut writer = RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
     let channel = writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap();
     let rest = stamped(MotorAuthority { period_s: 0.01, ..Default::default() }, 1, PERIOD_NS);
     writer.write(channel, 1, 1, 1, bytemuck::bytes_of(&rest)).unwrap();
@@ -129,8 +127,7 @@ impl Tape {
     /// Creates a run with a leg of a metre along a line, which takes about 5.5 s.
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let mut writer =
-            RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
+        let mut writer = RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
         let channels = [
             writer.add_channel(&ChannelSpec::for_type::<PlanMotion>("plan/motion")).unwrap(),
             writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
@@ -273,8 +270,7 @@ fn a_run_shows_the_time_from_state_to_command() {
     const ANSWERED_NS: [u64; 2] = [150_000, 90_000];
     const CYCLES: u64 = 200;
     let folder = tempfile::tempdir().unwrap();
-    let mut writer =
-        RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
+    let mut writer = RunWriter::create(&folder.path().join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
     let channels = [
         writer.add_channel(&ChannelSpec::for_type::<MotorAuthority>("motor/authority")).unwrap(),
         writer.add_channel(&ChannelSpec::for_type::<MotorState>("motor/state")).unwrap(),

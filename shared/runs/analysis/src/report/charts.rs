@@ -121,7 +121,12 @@ impl TimeAxis {
             false => ("time since the start of the run, min", 1.0 / 60.0),
         };
         let marks = run.events.all().iter().filter(|event| event.kind == EventKind::Mark);
-        Self { label, factor, ends: [factor * begin_s, factor * end_s], marks: marks.map(|mark| factor * mark.time_s).collect() }
+        Self {
+            label,
+            factor,
+            ends: [factor * begin_s, factor * end_s],
+            marks: marks.map(|mark| factor * mark.time_s).collect(),
+        }
     }
 
     /// Creates a figure over time, with the marks of operators.

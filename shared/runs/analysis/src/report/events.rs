@@ -122,8 +122,7 @@ impl Events {
 
     fn push_of(&mut self, time_s: f64, kind: EventKind, text: String, requester: Option<String>) {
         let is_full = self.events.len() >= MAX_EVENTS;
-        let (list, most) =
-            if is_full { (&mut self.causes, MAX_CAUSES) } else { (&mut self.events, MAX_EVENTS) };
+        let (list, most) = if is_full { (&mut self.causes, MAX_CAUSES) } else { (&mut self.events, MAX_EVENTS) };
         // Repeated events are listed once and counted. Repetitions of the log and of missions differ only in numbers;
         // of requests the numbers are what was asked.
         let bare = |text: &str| text.chars().filter(|letter| !letter.is_ascii_digit()).collect::<String>();
