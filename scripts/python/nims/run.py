@@ -98,7 +98,8 @@ class Run(_Run):  # type: ignore[misc]
                 status = self[name]
                 of_slot = np.flatnonzero(follows & (authority["active_controller"] == number))
                 of_authority, of_status = _same_cycles(authority["header"][of_slot], status["header"])
-                rows.append(of_slot[of_authority]), answers.append(status[of_status])
+                rows.append(of_slot[of_authority])
+                answers.append(status[of_status])
         if not rows:
             return authority[:0], np.zeros(0, [("valid", "u1"), ("error_norm_m", "<f8"), ("setpoint_velocity_m_s", "<f8", 3)])
         whole = np.concatenate(rows)
@@ -162,8 +163,10 @@ class Run(_Run):  # type: ignore[misc]
 
 def _same_cycles(one: NDArray[Any], other: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """The indices of headers of the same life and cycle, in their order."""
-    keys = [np.rec.fromarrays([header["life"], header["cycle"]], names="life,cycle") for header in (one, other)]
-    _, of_one, of_other = np.intersect1d(*keys, return_indices=True)
+    keys = [np.empty(len(header), [("life", "<u8"), ("cycle", "<u8")]) for header in (one, other)]
+    for key, header in zip(keys, (one, other), strict=True):
+        key["life"], key["cycle"] = header["life"], header["cycle"]
+    _, of_one, of_other = np.intersect1d(keys[0], keys[1], return_indices=True)
     return of_one, of_other
 
 
