@@ -209,6 +209,11 @@ impl Drives {
         }
     }
 
+    /// Uses the rest of the time of an exchange, until `early_ns` before its deadline, unless a thread of the port does.
+    pub fn spend(&mut self, early_ns: u64) {
+        self.fleet.spend(early_ns);
+    }
+
     /// Time that virtual drives have left out so far, ns; 0 for real ones.
     #[must_use]
     pub fn left_out_ns(&self) -> u64 {

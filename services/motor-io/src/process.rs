@@ -154,6 +154,8 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         process.inbox.finish();
         chassis.report_lost(process.ports.lost());
         chassis.pass_end();
+        // Now nothing waits for this thread until the next cycle, which it must not delay.
+        process.drives.spend(process.exchange_until_ns.saturating_sub(tick.scheduled_ns + period_ns));
         process.reporter.bus(chassis.idle().map(|_| ()));
     }
     keeper.finish(process.core.position());
@@ -202,6 +204,8 @@ struct Process {
     ready: bool,
     /// Publication time of the newest state, ns.
     published_ns: u64,
+    /// Deadline of the newest exchange with the drives, ns.
+    exchange_until_ns: u64,
 }
 
 impl Process {
@@ -236,6 +240,7 @@ impl Process {
             energy_every: config.cycles(ENERGY_S).into(),
             ready: false,
             published_ns: 0,
+            exchange_until_ns: 0,
             core: Core::new(config),
         })
     }
@@ -271,6 +276,7 @@ impl Process {
         let command = core.decide(input);
         let until_ns =
             tick.scheduled_ns.saturating_add(limits.bus_ns).max(begin_ns.saturating_add(limits.bus_least_ns));
+        self.exchange_until_ns = until_ns;
         drives.exchange(cycle, &command, until_ns, input);
         input.end_ns = now_ns();
         let observation = core.observe(input);

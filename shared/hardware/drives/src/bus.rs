@@ -101,6 +101,10 @@ impl Capabilities {
 ///   [`UnitReport::reboots`](crate::UnitReport::reboots), and continues the counts from where they were.
 /// * **Interlock.** A unit that was lost or restarted is [`Error::Interlocked`] until one command that does not move it
 ///   was accepted.
+/// * **Inline.** A bus that [can run inline](DriveBus::can_run_inline) and was told to does not wait beyond the
+///   deadline of a call, neither opens nor closes its device, and does nothing else that a broken device can block. A later call
+///   continues to wait for an answer that was not there in time. After a loss it is told to leave this mode, and closes
+///   the device then.
 /// * **Allocation.** [`exchange`](DriveBus::exchange) and [`spend`](DriveBus::spend) do not allocate.
 pub trait DriveBus: Send {
     /// The port's name, as the operator configured it.
@@ -121,6 +125,16 @@ pub trait DriveBus: Send {
     /// Clock of a simulated port, which leaves out the time in which its device did not run.
     fn clock(&self) -> Option<Arc<PortClock>> {
         None
+    }
+
+    /// True where the bus can run inline, that is in a thread that has other work in every cycle.
+    fn can_run_inline(&self) -> bool {
+        false
+    }
+
+    /// Sets whether the bus runs inline; at first it does not. See the contract.
+    fn set_inline(&mut self, inline: bool) {
+        let _ = inline;
     }
 
     /// Commands every unit and reads its counts: the part of a control cycle that the caller waits for.
@@ -166,6 +180,12 @@ impl<B: DriveBus + ?Sized> DriveBus for Box<B> {
     }
     fn clock(&self) -> Option<Arc<PortClock>> {
         (**self).clock()
+    }
+    fn can_run_inline(&self) -> bool {
+        (**self).can_run_inline()
+    }
+    fn set_inline(&mut self, inline: bool) {
+        (**self).set_inline(inline);
     }
     fn exchange(&mut self, commands: &[UnitCommand], deadline_ns: u64, answers: &mut [UnitAnswer]) {
         (**self).exchange(commands, deadline_ns, answers);

@@ -1,22 +1,28 @@
 //! Several ports at once: one thread each, all starting a cycle together.
 //!
 //! Each port is owned by its thread, so a port that is slow, silent or unplugged delays no other and recovers on its
-//! own. A single port has a thread too: a missing answer is waited for up to 12 ms on a native port and 25 ms on USB,
-//! longer than a cycle lasts, and neither the end of the cycle nor the next request may wait for that. The threads
-//! inherit scheduling policy, priority and processors of the thread that opens the fleet.
+//! own.
+//!
+//! A single port has a thread too: opening and closing a device can block, a missing answer is waited for up to 12 ms
+//! on a native port and 25 ms on USB, longer than a cycle lasts, and neither the end of the cycle nor the next request
+//! may wait for that. But handing every cycle to it and back costs a third of the cycle's thread switches. So while all
+//! units of a single port are in use, the caller has the bus, where that [can run inline](DriveBus::can_run_inline).
+//! The thread gets it back as soon as an answer is missing at the deadline or a unit is not in use any more.
+//!
+//! The threads inherit scheduling policy, priority and processors of the thread that opens the fleet.
 
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::fmt;
+use std::sync::{Arc, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use serial::{PortClock, monotonic_ns};
 
-use crate::bus::{Capabilities, DriveBus, UnitCommand};
+use crate::bus::{Capabilities, DriveBus};
 use crate::error::{Error, InvalidConfig};
-use crate::report::{Counters, StopInput, UnitAnswer, UnitInfo, UnitReport};
-
-/// Most units of a fleet: one for each of the most cables.
-pub const MAX_FLEET: usize = 8;
+use crate::fleet_cycle::{FleetCommand, FleetReply, MAX_FLEET, PortReport};
+use crate::port_thread::{Board, Order, Seat, Slot, blank_answers, loss, work};
+use crate::report::UnitInfo;
 
 /// Waking up this long after the deadline means that the whole machine was stopped, and the answers with it, ns.
 const STOOD_STILL_NS: u64 = 5_000_000;
@@ -26,48 +32,6 @@ const GRACE_NS: u64 = 10_000_000;
 const SIMULATED_STEP_NS: u64 = 2_000_000;
 /// Longest such wait, ns: a program has to notice a request to stop.
 const SIMULATED_PATIENCE_NS: u64 = 1_000_000_000;
-
-/// Sleep of a thread that has nothing to do; only an order ends it earlier.
-const IDLE: Duration = Duration::from_millis(500);
-/// Sleep between two steps of getting a port or unit back: none, because a step that can do nothing pauses by itself.
-const BUSY: Duration = Duration::ZERO;
-/// Sleep between two attempts to find a lost device.
-const LOST: Duration = Duration::from_millis(20);
-/// Time for one step between two cycles, ns: a question and its answer at the baud in use.
-const STEP_NS: u64 = 5_000_000;
-
-/// Commands of one cycle for all units, in the order of the ports and of the units on each.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct FleetCommand {
-    /// Number of the cycle; returned with the answer.
-    pub cycle: u64,
-    /// Commands of each unit.
-    pub units: [UnitCommand; MAX_FLEET],
-}
-
-/// State of a port.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct PortReport {
-    /// Event counts.
-    pub counters: Counters,
-    /// Reason why the device is not there; `None` while it is.
-    pub lost: Option<Error>,
-    /// Its stop input.
-    pub stop: StopInput,
-    /// Time that commands and counts took in this cycle, ns.
-    pub took_ns: u64,
-}
-
-/// Result of one cycle.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FleetReply {
-    /// Number of the cycle.
-    pub cycle: u64,
-    /// Answer of each unit; the outcome is an error where it has none in this cycle.
-    pub units: Vec<UnitAnswer>,
-    /// State of each port.
-    pub ports: Vec<PortReport>,
-}
 
 /// Several ports, each with its thread. They may be of different families.
 #[derive(Debug)]
@@ -81,63 +45,22 @@ pub struct Fleet {
     clocks: Vec<Option<Arc<PortClock>>>,
     turn: u64,
     reply: FleetReply,
+    /// The thread lends its bus.
+    lends: bool,
+    inline: Option<Inline>,
 }
 
-/// Exchange of orders and answers between the caller and the threads.
-#[derive(Debug)]
-struct Board {
-    slots: Mutex<Vec<Slot>>,
-    posted: Condvar,
-    answered: Condvar,
-}
-
-#[derive(Debug)]
-struct Slot {
-    stop: bool,
-    order: Option<Order>,
-    /// The order that `answers` belong to.
-    answered_turn: u64,
-    answers: Vec<UnitAnswer>,
-    units: Vec<UnitInfo>,
-    report: PortReport,
-    /// The port is resynchronising, or a unit is not in use: the reason where the thread misses its deadline.
-    settling: bool,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Order {
-    turn: u64,
+/// The bus of the single port, while the caller has it.
+struct Inline {
+    bus: Box<dyn DriveBus>,
+    /// Deadline of the last exchange on the clock of the port, ns.
     deadline_ns: u64,
-    /// From the order to the deadline.
-    span_ns: u64,
-    units: [UnitCommand; MAX_FLEET],
 }
 
-impl Slot {
-    fn record<B: DriveBus>(&mut self, bus: &B, lost: Option<Error>) {
-        self.report.lost = lost;
-        self.settling = !bus.is_settled();
-        self.report.counters = bus.counters();
-        self.report.stop.clone_from(bus.stop());
-        for (index, place) in self.units.iter_mut().enumerate() {
-            if let Some(unit) = bus.unit(index) {
-                *place = unit;
-            }
-        }
+impl fmt::Debug for Inline {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Inline").field("deadline_ns", &self.deadline_ns).finish_non_exhaustive()
     }
-}
-
-impl Board {
-    fn slots(&self) -> MutexGuard<'_, Vec<Slot>> {
-        // A thread that panicked has left whole values here: they are only ever replaced.
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// Places for the answers of a bus.
-fn blank_answers<B: DriveBus>(bus: &B) -> Vec<UnitAnswer> {
-    let outcome = || Err(Error::Resynchronising { port: Arc::clone(bus.port()) });
-    (0..bus.unit_count()).map(|_| UnitAnswer { outcome: outcome(), report: UnitReport::default() }).collect()
 }
 
 impl Fleet {
@@ -164,31 +87,21 @@ impl Fleet {
         if port_of_unit.len() > MAX_FLEET {
             return wrong(&names[0], InvalidConfig::TooManyUnits);
         }
-        let slot = |bus: &B| Slot {
-            stop: false,
-            order: None,
-            answered_turn: 0,
-            answers: blank_answers(bus),
-            units: (0..bus.unit_count()).filter_map(|unit| bus.unit(unit)).collect(),
-            report: PortReport::default(),
-            settling: true,
-        };
         let clocks = buses.iter().map(DriveBus::clock).collect();
-        let board = Arc::new(Board {
-            slots: Mutex::new(buses.iter().map(slot).collect()),
-            posted: Condvar::new(),
-            answered: Condvar::new(),
-        });
+        let board = Arc::new(Board::new(buses.iter().map(Slot::new).collect()));
         let reply = FleetReply {
             cycle: 0,
             units: buses.iter().flat_map(blank_answers).collect(),
             ports: vec![PortReport::default(); buses.len()],
         };
-        let mut fleet = Fleet { board, threads: Vec::new(), names, port_of_unit, clocks, turn: 0, reply };
+        let lends = matches!(&*buses, [bus] if bus.can_run_inline());
+        let mut fleet =
+            Fleet { board, threads: Vec::new(), names, port_of_unit, clocks, turn: 0, reply, lends, inline: None };
         for (index, bus) in buses.into_iter().enumerate() {
-            let board = Arc::clone(&fleet.board);
-            let spawned =
-                std::thread::Builder::new().name(format!("port-{index}")).spawn(move || work(bus, &board, index));
+            let (board, bus) = (Arc::clone(&fleet.board), Box::new(bus));
+            let spawned = std::thread::Builder::new()
+                .name(format!("port-{index}"))
+                .spawn(move || work(bus, &board, index, lends));
             match spawned {
                 Ok(thread) => fleet.threads.push(thread),
                 Err(_) => return wrong(&fleet.names[index], InvalidConfig::NoThread),
@@ -233,12 +146,76 @@ impl Fleet {
     ///
     /// Returns as soon as every unit has its command and its counts are read. The ports use the rest of the time until
     /// the deadline for currents and slow values, which are in the next cycle's reports with the time at which they
-    /// were requested.
+    /// were requested: in their threads, or in [`spend`](Fleet::spend).
     ///
     /// Time that simulated ports leave out meanwhile does not count: the deadline moves by it, by a second at most.
     ///
     /// Does not allocate.
     pub fn exchange(&mut self, command: &FleetCommand, deadline_ns: u64) -> &FleetReply {
+        self.reply.cycle = command.cycle;
+        self.take_offered();
+        let Some(inline) = &mut self.inline else {
+            self.order(command, deadline_ns);
+            return &self.reply;
+        };
+        let began_ns = monotonic_ns();
+        let FleetReply { units, ports, .. } = &mut self.reply;
+        inline.deadline_ns = inline.bus.now_ns() + deadline_ns.saturating_sub(began_ns);
+        inline.bus.exchange(&command.units, inline.deadline_ns, units);
+        if let Some(report) = ports.first_mut() {
+            report.record(&*inline.bus, loss(units));
+            report.took_ns = monotonic_ns() - began_ns;
+        }
+        self.return_unsettled();
+        &self.reply
+    }
+
+    /// Uses the rest of the time of an exchange, until `early_ns` before its deadline, where that is for the caller to
+    /// do. To be called after every exchange, once nothing waits for the caller.
+    ///
+    /// Does not allocate.
+    pub fn spend(&mut self, early_ns: u64) {
+        if let Some(inline) = &mut self.inline {
+            inline.bus.spend(inline.deadline_ns.saturating_sub(early_ns));
+            self.return_unsettled();
+        }
+    }
+
+    /// Gives the bus back to its thread where something has to be waited for, opened or closed.
+    fn return_unsettled(&mut self) {
+        let lost = self.reply.ports.first().and_then(|port| port.lost.clone());
+        let Some(Inline { bus, .. }) = self.inline.take_if(|inline| lost.is_some() || !inline.bus.is_settled()) else {
+            return;
+        };
+        let mut slots = self.board.slots();
+        if let Some(slot) = slots.first_mut() {
+            // What the caller has seen, so that nothing older follows.
+            slot.answers.clone_from(&self.reply.units);
+            slot.record(&*bus, lost);
+            slot.seat = Seat::Returned(bus);
+        }
+        drop(slots);
+        self.board.posted.notify_all();
+    }
+
+    /// Takes the bus that its thread offers.
+    fn take_offered(&mut self) {
+        if !self.lends || self.inline.is_some() {
+            return;
+        }
+        if let Some(slot) = self.board.slots().first_mut() {
+            match std::mem::replace(&mut slot.seat, Seat::Caller) {
+                Seat::Offered(mut bus) => {
+                    bus.set_inline(true);
+                    self.inline = Some(Inline { bus, deadline_ns: 0 });
+                }
+                seat => slot.seat = seat,
+            }
+        }
+    }
+
+    /// Gives the threads their orders and waits for their answers.
+    fn order(&mut self, command: &FleetCommand, deadline_ns: u64) {
         self.turn += 1;
         let (posted_ns, left_out_ns) = (monotonic_ns(), self.left_out_ns());
         let mut slots = self.board.slots();
@@ -254,6 +231,11 @@ impl Fleet {
         // Not before the lock is free: the threads would wake up only to wait for it.
         drop(slots);
         self.board.posted.notify_all();
+        self.await_answers(deadline_ns, left_out_ns);
+    }
+
+    /// Waits for the answers and takes them. `left_out_ns`: what simulated ports had left out at the order.
+    fn await_answers(&mut self, deadline_ns: u64, left_out_ns: u64) {
         let mut slots = self.board.slots();
         let mut patience = Patience::new(deadline_ns, left_out_ns);
         let mut until_ns = deadline_ns;
@@ -266,7 +248,6 @@ impl Fleet {
             let left = Duration::from_nanos(until_ns.saturating_sub(now_ns));
             slots = self.board.answered.wait_timeout(slots, left).unwrap_or_else(PoisonError::into_inner).0;
         }
-        self.reply.cycle = command.cycle;
         let mut units = self.reply.units.iter_mut();
         let ports = self.names.iter().zip(&self.clocks);
         for ((slot, report), (name, clock)) in slots.iter().zip(&mut self.reply.ports).zip(ports) {
@@ -286,7 +267,6 @@ impl Fleet {
                 }
             }
         }
-        &self.reply
     }
 }
 
@@ -336,66 +316,5 @@ impl Drop for Fleet {
         for thread in self.threads.drain(..) {
             let _ = thread.join();
         }
-    }
-}
-
-/// Thread of a port: orders first, and between them whatever brings the port and its units back.
-fn work<B: DriveBus>(mut bus: B, board: &Board, index: usize) {
-    let mut answers = blank_answers(&bus);
-    let mut pause = Duration::ZERO;
-    while let Some(order) = next_order(board, index, pause) {
-        let mut lost = None;
-        if let Some(order) = order {
-            let began_ns = monotonic_ns();
-            // Simulated units did not run while this thread waited for a processor.
-            let least_ns = if bus.clock().is_some_and(|clock| clock.is_simulated()) { order.span_ns } else { 0 };
-            let left_ns = order.deadline_ns.saturating_sub(began_ns).max(least_ns);
-            let deadline_ns = bus.now_ns() + left_ns;
-            bus.exchange(&order.units, deadline_ns, &mut answers);
-            lost = answers.iter().find_map(|answer| answer.outcome.clone().err().filter(Error::is_lost));
-            let mut slots = board.slots();
-            if let Some(slot) = slots.get_mut(index) {
-                std::mem::swap(&mut slot.answers, &mut answers);
-                slot.answered_turn = order.turn;
-                slot.report.took_ns = monotonic_ns() - began_ns;
-                slot.record(&bus, lost.clone());
-            }
-            // The caller waits for all ports, so only the last one wakes it.
-            let last = slots.iter().all(|slot| slot.answered_turn == order.turn);
-            drop(slots);
-            if last {
-                board.answered.notify_one();
-            }
-            // The caller continues with the counts; what is read now is in the reports of its next cycle.
-            bus.spend(deadline_ns);
-        }
-        pause = IDLE;
-        if !bus.is_settled() || lost.is_some() {
-            let result = bus.settle(bus.now_ns() + STEP_NS);
-            let lost = result.err().filter(Error::is_lost);
-            pause = if lost.is_some() { LOST } else { BUSY };
-            if let Some(slot) = board.slots().get_mut(index) {
-                slot.record(&bus, lost);
-            }
-        }
-    }
-}
-
-/// Waits for the next order; `Some(None)` after `patience` without one, `None` at the end.
-fn next_order(board: &Board, index: usize, patience: Duration) -> Option<Option<Order>> {
-    let mut slots = board.slots();
-    let mut waited = patience.is_zero();
-    loop {
-        let slot = slots.get_mut(index)?;
-        if slot.stop {
-            return None;
-        }
-        let order = slot.order.take();
-        if order.is_some() || waited {
-            return Some(order);
-        }
-        let (guard, timeout) = board.posted.wait_timeout(slots, patience).unwrap_or_else(PoisonError::into_inner);
-        slots = guard;
-        waited = timeout.timed_out();
     }
 }

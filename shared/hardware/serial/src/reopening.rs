@@ -17,6 +17,8 @@ const DEVICE_STEP_NS: u64 = 1_000_000;
 const DEVICE_ANSWER_NS: u64 = 8_000_000;
 /// Longest such wait, ns: no robot can be driven on a slower computer.
 const DEVICE_PATIENCE_NS: u64 = 5_000_000_000;
+/// The same for a caller that has other work, ns: it has to notice a request to stop.
+const INLINE_PATIENCE_NS: u64 = 1_000_000_000;
 /// Age up to which what the device left out counts as known, ns: short beside a wait for an answer, and long beside the
 /// steps between an answer and the next question, each of which asks for the time.
 const LEFT_OUT_KNOWN_NS: u64 = 100_000;
@@ -40,6 +42,10 @@ pub struct ReopeningPort {
     name: Arc<str>,
     baud: u32,
     port: Option<Port>,
+    /// See [`Transport::set_inline`].
+    inline: bool,
+    /// A lost device that is still open.
+    unclosed: Option<Port>,
     lost: Error,
     next_try_ns: u64,
     connections: u32,
@@ -65,6 +71,8 @@ impl ReopeningPort {
             name,
             baud,
             port: None,
+            inline: false,
+            unclosed: None,
             next_try_ns: 0,
             connections: 0,
         }
@@ -98,17 +106,27 @@ impl ReopeningPort {
             && error.is_lost()
         {
             self.lost = error.clone();
-            self.port = None;
-            self.clock.closed();
+            self.unclosed = self.port.take();
             self.next_try_ns = monotonic_ns() + REOPEN_EVERY_NS;
+            if !self.inline {
+                self.close();
+            }
         }
         result
+    }
+
+    /// Closes a lost device.
+    fn close(&mut self) {
+        if self.unclosed.take().is_some() {
+            self.clock.closed();
+        }
     }
 
     /// Continues a read whose deadline has passed on the machine's clock, while the device has left out time or waits
     /// for a processor.
     fn read_on(&mut self, buffer: &mut [u8], deadport_ns: u64) -> Result<usize, Error> {
-        let give_up_ns = monotonic_ns().saturating_add(DEVICE_PATIENCE_NS);
+        let patience_ns = if self.inline { INLINE_PATIENCE_NS } else { DEVICE_PATIENCE_NS };
+        let give_up_ns = monotonic_ns().saturating_add(patience_ns);
         let mut waited = false;
         loop {
             let now_ns = monotonic_ns();
@@ -171,6 +189,13 @@ impl Transport for ReopeningPort {
         Some(Arc::clone(&self.clock))
     }
 
+    fn set_inline(&mut self, inline: bool) {
+        self.inline = inline;
+        if !inline {
+            self.close();
+        }
+    }
+
     fn wait_until(&mut self, until_ns: u64) {
         while self.now_ns() < until_ns {
             sleep_until(self.on_the_machine_ns(until_ns));
@@ -180,7 +205,7 @@ impl Transport for ReopeningPort {
     fn connection(&mut self) -> Result<u32, Error> {
         if self.port.is_none() {
             let now_ns = monotonic_ns();
-            if now_ns < self.next_try_ns {
+            if self.inline || now_ns < self.next_try_ns {
                 return Err(self.lost.clone());
             }
             match Port::open(&self.name, self.baud) {

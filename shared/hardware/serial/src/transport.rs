@@ -47,6 +47,12 @@ pub trait Transport: Send {
         None
     }
 
+    /// Sets whether a thread with other work in every cycle uses the port. Such a port neither opens nor closes its
+    /// device, because a broken adapter can block either: a lost device stays lost until this is `false` again.
+    fn set_inline(&mut self, inline: bool) {
+        let _ = inline;
+    }
+
     /// Waits until this transport's clock shows `until_ns`.
     fn wait_until(&mut self, until_ns: u64);
 
@@ -103,6 +109,9 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
     }
     fn clock(&self) -> Option<Arc<PortClock>> {
         (**self).clock()
+    }
+    fn set_inline(&mut self, inline: bool) {
+        (**self).set_inline(inline);
     }
     fn wait_until(&mut self, until_ns: u64) {
         (**self).wait_until(until_ns);

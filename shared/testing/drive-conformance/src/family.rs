@@ -39,6 +39,9 @@ pub trait Family {
     /// The counter continues at its smallest number after its largest; false: it stays at its largest.
     const COUNTER_WRAPS: bool = true;
 
+    /// The bus runs inline while nothing is left to do between cycles, and must then end every call by its deadline.
+    const INLINE: bool = false;
+
     /// Its units have a second encoder here, which counts a part of what the first one does, backwards.
     const SECOND: bool = false;
     /// Counts of a step of its reading.

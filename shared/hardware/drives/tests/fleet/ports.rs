@@ -24,6 +24,7 @@ fn until(fleet: &mut Fleet, command: Command, wanted: impl Fn(&FleetReply) -> bo
         if wanted(reply) {
             return reply.clone();
         }
+        fleet.spend(0);
     }
     panic!("never as wanted");
 }

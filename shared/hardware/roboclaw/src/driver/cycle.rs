@@ -59,6 +59,7 @@ impl<T: Transport> Bus<T> {
     /// call continues.
     pub fn drive(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
         (self.in_cycle, self.empty) = (true, false);
+        self.begin_call(deadline_ns);
         let bus = if self.transport.now_ns() >= deadline_ns {
             Err(Error::TooLate { port: self.port() })
         } else {
@@ -81,6 +82,7 @@ impl<T: Transport> Bus<T> {
     ///
     /// Starts nothing that is unlikely to end by the deadline. The results are in the next cycle's reports.
     pub fn spend(&mut self, deadline_ns: u64) {
+        self.begin_call(deadline_ns);
         // Time passed since the last answer.
         self.empty = false;
         self.read_stop();

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use serial::Transport;
 
-use super::{Bus, Phase, step::Step};
+use super::{Bus, Phase, late::Late, step::Step};
 use drives::{Error, reply_text};
 
 use crate::codec::{ACK, Command, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
@@ -14,6 +14,8 @@ use crate::status::StatusWidth;
 /// Waking up this long after a deadline means that the whole machine was stopped, ns: the answer may wait in the
 /// kernel, or the device, which was stopped as well, is about to send it.
 const STOOD_STILL_NS: u64 = 5_000_000;
+/// Extra wait in that case where the caller has other work, ns.
+const GRACE_NS: u64 = 10_000_000;
 /// Room for bytes after an answer, which answer nothing: that none arrived shows that the port is empty.
 const SPARE: usize = 8;
 
@@ -123,11 +125,14 @@ impl<T: Transport> Bus<T> {
             let (unit, asked) = (self.unit_name(unit), command.command_name());
             return Err(Error::Stray { port: self.port(), unit, asked, bytes: stray });
         }
+        let now_ns = self.transport.now_ns();
+        if now_ns >= self.call_ends_ns {
+            return Err(Error::TooLate { port: self.port() });
+        }
         self.last_unit = unit;
         self.counters.exchanges += 1;
-        let now_ns = self.transport.now_ns();
         self.sent_stamp_ns = self.transport.stamp_ns();
-        let deadline_ns = now_ns + self.wire_ns(packet.len()) + self.margin_ns;
+        let deadline_ns = (now_ns + self.wire_ns(packet.len()) + self.margin_ns).min(self.call_ends_ns);
         if let Err(error) = self.transport.write_all(packet, deadline_ns) {
             self.out_of_step(unit);
             return Err(self.port_failed(error));
@@ -162,17 +167,29 @@ impl<T: Transport> Bus<T> {
         let spare = if command == Command::Read(Read::Version) { 0 } else { SPARE };
         let mut room = [0; MAX_PACKET + SPARE];
         let (wanted, end) = (buffer.len(), (buffer.len() + spare).min(room.len()));
-        let mut got = self.fill(&mut room[..end], wanted, deadline_ns)?;
-        if got < wanted {
-            let now_ns = self.transport.now_ns();
-            if now_ns > deadline_ns + STOOD_STILL_NS {
-                got += self.fill(&mut room[got..end], wanted - got, now_ns + self.margin_ns)?;
-            }
+        let until_ns = deadline_ns.min(self.call_ends_ns);
+        let got = self.fill_awake(&mut room[..end], wanted, until_ns)?;
+        if got < wanted && until_ns < deadline_ns && self.transport.now_ns() < deadline_ns {
+            let late = Late::new(unit, command, sent_ns, deadline_ns, wanted).with(&room[..got]);
+            return Err(self.leave(late, self.likely_ns(sent + wanted)));
         }
         self.excess = got.saturating_sub(wanted);
         self.empty = got >= wanted && got < end;
         let got = got.min(wanted);
         buffer[..got].copy_from_slice(&room[..got]);
+        Ok(got)
+    }
+
+    /// Fills the buffer, also with bytes that are there only after the deadline because the whole machine stood still.
+    pub(super) fn fill_awake(&mut self, buffer: &mut [u8], least: usize, deadline_ns: u64) -> Result<usize, Error> {
+        let mut got = self.fill(buffer, least, deadline_ns)?;
+        if got < least {
+            let now_ns = self.transport.now_ns();
+            if now_ns > deadline_ns + STOOD_STILL_NS {
+                let more_ns = if self.inline { GRACE_NS } else { self.margin_ns };
+                got += self.fill(buffer.get_mut(got..).unwrap_or_default(), least - got, now_ns + more_ns)?;
+            }
+        }
         Ok(got)
     }
 
@@ -187,7 +204,7 @@ impl<T: Transport> Bus<T> {
     }
 
     /// Records an answer that did not arrive in time, or not completely.
-    fn too_late(&mut self, unit: usize) {
+    pub(super) fn too_late(&mut self, unit: usize) {
         self.counters.timeouts += 1;
         if self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_))) {
             self.be_more_patient(unit);
@@ -200,7 +217,7 @@ impl<T: Transport> Bus<T> {
     pub(super) fn out_of_step(&mut self, unit: usize) {
         let now_ns = self.transport.now_ns();
         self.forget_excess();
-        if self.step == Step::Settled {
+        if matches!(self.step, Step::Settled | Step::Late(_)) {
             self.counters.resyncs += 1;
         }
         self.step = Step::Draining { quiet_from_ns: now_ns };

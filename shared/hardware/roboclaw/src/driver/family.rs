@@ -50,6 +50,16 @@ impl<T: Transport> DriveBus for Bus<T> {
         self.transport.clock()
     }
 
+    fn can_run_inline(&self) -> bool {
+        // Reading a status pin can block in the driver of an adapter.
+        self.stop_pin.is_none()
+    }
+
+    fn set_inline(&mut self, inline: bool) {
+        self.inline = inline;
+        self.transport.set_inline(inline);
+    }
+
     fn exchange(&mut self, commands: &[UnitCommand], deadline_ns: u64, answers: &mut [UnitAnswer]) {
         let mut drives = [[Drive::Idle; AXES]; MAX_UNITS];
         for (drives, commands) in drives.iter_mut().zip(commands) {

@@ -13,12 +13,15 @@
 //! * A unit that answers later than the margin gets more time while it is brought back into use, up to four times the
 //!   margin: on a starved computer or a slow adapter it would otherwise never come back. In a control cycle the margin
 //!   stays.
+//! * Where the bus runs inline, a call does not wait beyond its deadline. The next one waits on for the answer, and
+//!   then uses the bus.
 //! * All of this is one state machine that advances as far as a call's deadline allows, so that a silent unit costs the
 //!   others a few cycles and does not trip their watchdogs.
 
 mod cycle;
 mod exchange;
 mod family;
+mod late;
 mod step;
 mod sync;
 
@@ -176,6 +179,10 @@ pub struct Bus<T> {
     sent_stamp_ns: u64,
     /// The caller waits for a cycle: no answer gets more time than the margin.
     in_cycle: bool,
+    /// The thread of the caller has other work in every cycle.
+    inline: bool,
+    /// End of the present call, ns, where it must not wait beyond it.
+    call_ends_ns: u64,
     slow_turn: usize,
     slow_left_out: bool,
     current_turn: usize,
@@ -233,6 +240,8 @@ impl<T: Transport> Bus<T> {
             turnaround_ns: 500_000,
             sent_stamp_ns: 0,
             in_cycle: false,
+            inline: false,
+            call_ends_ns: u64::MAX,
             slow_turn: 0,
             slow_left_out: false,
             current_turn: 0,
@@ -285,6 +294,11 @@ impl<T: Transport> Bus<T> {
     /// True where every unit is in use and the bus in step: nothing is left to do between cycles.
     pub fn is_settled(&self) -> bool {
         self.step == step::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
+    }
+
+    /// Begins a call that has to end by `deadline_ns` where the bus runs inline.
+    fn begin_call(&mut self, deadline_ns: u64) {
+        self.call_ends_ns = if self.inline { deadline_ns } else { u64::MAX };
     }
 
     /// Reads the stop input. One that cannot be read is a stop.

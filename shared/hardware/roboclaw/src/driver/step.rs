@@ -1,5 +1,6 @@
 //! The states of the bus and of a unit on the way into use.
 
+use super::late::Late;
 use crate::codec::Read;
 use crate::packet::MAX_PACKET;
 use drives::Instead;
@@ -11,6 +12,8 @@ pub(super) enum Step {
     Draining { quiet_from_ns: u64 },
     /// Waits for the answer to a fence, and skips bytes before it.
     Fencing { unit: usize, read: Read, until_ns: u64, window: Window },
+    /// Waits for an answer that a call left.
+    Late(Late),
     /// Nothing received, nothing outstanding.
     Settled,
 }

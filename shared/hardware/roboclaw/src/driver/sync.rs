@@ -38,6 +38,7 @@ impl<T: Transport> Bus<T> {
         // Time passes until the check of the deadline: without the pause the one step would always come slightly too
         // late.
         let deadline_ns = deadline_ns.max(self.transport.now_ns() + self.likely_ns(LONGEST_STEP) + PAUSE_NS);
+        self.begin_call(deadline_ns);
         let result = self.get_in_step(deadline_ns).and_then(|()| self.set_up_units(deadline_ns));
         if result.is_err() {
             // A virtual clock moves only in waits, so this waits.
@@ -62,6 +63,7 @@ impl<T: Transport> Bus<T> {
         loop {
             match self.step {
                 Step::Settled => return Ok(()),
+                Step::Late(late) => self.await_late(late, deadline_ns)?,
                 Step::Draining { quiet_from_ns } => self.drain(quiet_from_ns, deadline_ns)?,
                 Step::Fencing { unit, read, until_ns, window } => {
                     self.fence(unit, read, until_ns, window, deadline_ns)?

@@ -80,4 +80,31 @@ impl Family for RoboClaw {
     }
 }
 
+/// The same in a thread that has other work.
+struct Inline;
+
+impl Family for Inline {
+    type Units = Units;
+    type Bus = Bus<Pipe<Clockwork<Units>>>;
+    const BAUD: u32 = RoboClaw::BAUD;
+    const MOTORS: usize = RoboClaw::MOTORS;
+    const ANSWER_NS: u64 = RoboClaw::ANSWER_NS;
+    const EXCHANGES: u32 = RoboClaw::EXCHANGES;
+    const INLINE: bool = true;
+
+    fn units(count: usize) -> Units {
+        RoboClaw::units(count)
+    }
+    fn bus(pipe: Pipe<Clockwork<Units>>, count: usize) -> Self::Bus {
+        RoboClaw::bus(pipe, count)
+    }
+    fn pipe(bus: &mut Self::Bus) -> &mut Pipe<Clockwork<Units>> {
+        RoboClaw::pipe(bus)
+    }
+}
+
 drive_conformance::conformance!(RoboClaw);
+
+mod inline {
+    drive_conformance::conformance!(super::Inline);
+}

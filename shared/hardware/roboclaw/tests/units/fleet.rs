@@ -107,6 +107,7 @@ fn until(fleet: &mut Fleet, budget_ns: u64, drive: Command, wanted: impl Fn(&Fle
         if wanted(reply) {
             return reply.clone();
         }
+        fleet.spend(0);
         sleep_until(start_ns + 5 * MS);
     }
     panic!("never as wanted: {:?}", fleet.exchange(&all(drive, 0), monotonic_ns() + budget_ns));

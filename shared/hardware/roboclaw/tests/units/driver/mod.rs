@@ -3,5 +3,6 @@
 mod clockwork;
 mod cycle;
 mod faults;
+mod inline;
 mod slow;
 mod strangers;

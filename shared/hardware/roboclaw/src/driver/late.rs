@@ -1,0 +1,94 @@
+//! Answers that were not there when the call ended that asked for them: a bus that runs inline waits for them in later
+//! calls.
+
+use serial::Transport;
+
+use super::{Bus, step::Step};
+use crate::codec::{ACK, Command, Read};
+use crate::packet::MAX_PACKET;
+use drives::Error;
+
+/// An answer under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Late {
+    pub(super) unit: usize,
+    pub(super) command: Command,
+    pub(super) sent_ns: u64,
+    /// End of the wait, ns.
+    pub(super) until_ns: u64,
+    pub(super) wanted: usize,
+    bytes: [u8; MAX_PACKET],
+    got: usize,
+}
+
+impl Late {
+    /// Nothing of it is there yet.
+    pub(super) fn new(unit: usize, command: Command, sent_ns: u64, until_ns: u64, wanted: usize) -> Self {
+        Self { unit, command, sent_ns, until_ns, wanted, bytes: [0; MAX_PACKET], got: 0 }
+    }
+
+    /// The same with bytes that arrived.
+    pub(super) fn with(mut self, arrived: &[u8]) -> Self {
+        for (place, byte) in self.bytes.iter_mut().skip(self.got).zip(arrived) {
+            *place = *byte;
+            self.got += 1;
+        }
+        self
+    }
+
+    /// True where the bytes answer the question.
+    fn answers(&self, address: u8) -> bool {
+        let bytes = self.bytes.get(..self.got).unwrap_or_default();
+        match self.command {
+            Command::Write(_) => bytes == [ACK],
+            Command::Read(read) => read.decode(address, bytes).is_ok(),
+        }
+    }
+}
+
+impl<T: Transport> Bus<T> {
+    /// Leaves an answer to a later call. `likely_ns`: the time that it was likely to need.
+    pub(super) fn leave(&mut self, late: Late, likely_ns: u64) -> Error {
+        if late.command == Command::Read(Read::Version) {
+            // The end of a text is not known before it is read.
+            self.too_late(late.unit);
+        } else {
+            self.step = Step::Late(late);
+        }
+        match self.call_ends_ns < late.sent_ns + likely_ns {
+            true => Error::Busy { port: self.port() },
+            false => self.unanswered(),
+        }
+    }
+
+    /// Waits on for an answer that an earlier call left. The cycle of its question is over, so it is of no use any
+    /// more; but after it no older answer can follow.
+    pub(super) fn await_late(&mut self, late: Late, deadline_ns: u64) -> Result<(), Error> {
+        let left = late.wanted - late.got;
+        let mut room = [0; MAX_PACKET + 1];
+        // A byte more than is missing shows that the port is not empty.
+        let got = self.fill_awake(&mut room[..=left], left, late.until_ns.min(deadline_ns))?;
+        let late = late.with(room.get(..got.min(left)).unwrap_or_default());
+        let now_ns = self.transport.now_ns();
+        if got < left && now_ns < late.until_ns {
+            self.step = Step::Late(late);
+            return Err(self.unanswered());
+        }
+        if got < left {
+            self.too_late(late.unit);
+        } else if got > left || !late.answers(self.address(late.unit)) {
+            self.counters.garbled += 1;
+            self.out_of_step(late.unit);
+        } else {
+            self.step = Step::Settled;
+        }
+        Ok(())
+    }
+
+    /// The error of a call that ended before an answer. A simulated unit that has no processor is not to blame.
+    fn unanswered(&self) -> Error {
+        let starved = self.transport.clock().is_some_and(|clock| clock.device_wants_to_run());
+        let port = self.port();
+        if starved { Error::Busy { port } } else { Error::Unanswered { port } }
+    }
+}
