@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use rustix::event::{PollFd, PollFlags, poll};
+use rustix::event::{PollFd, PollFlags, epoll, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::time::Timespec;
@@ -35,6 +35,11 @@ pub struct Port {
     /// The same device, for its bytes: serialport asks before each piece whether the device is ready, and reports the
     /// end of a wait by an error on the heap. Reads and writes of it never wait.
     bytes: OwnedFd,
+    /// Tells that bytes have arrived. The kernel asks a terminal that is polled, and then waits until its worker has
+    /// finished with the last bytes, which is a second sleep for every answer; of an event it is told.
+    arrivals: Option<OwnedFd>,
+    /// The last read took all bytes that were there, so the next ones are an event.
+    drained: bool,
     latency: Latency,
 }
 
@@ -55,7 +60,8 @@ impl Port {
             .map_err(|error| Error::from_open(name, baud, &error))?;
         let bytes = bytes.map_err(|_| Error::Gone { port: Arc::clone(name), doing: "opening" })?;
         let latency = lower_latency(Path::new(&**name));
-        let mut port = Port { name: Arc::clone(name), tty, bytes, latency };
+        let arrivals = events_of(&bytes).ok();
+        let mut port = Port { name: Arc::clone(name), tty, bytes, arrivals, drained: false, latency };
         port.clear()?;
         Ok(port)
     }
@@ -68,6 +74,27 @@ impl Port {
 
     fn gone(&self, doing: &'static str) -> Error {
         Error::Gone { port: Arc::clone(&self.name), doing }
+    }
+
+    /// Waits until the device has bytes, or is gone; false after the deadline.
+    fn has_bytes(&self, deadline_ns: u64) -> bool {
+        while self.drained
+            && let Some(arrivals) = &self.arrivals
+        {
+            // Whole milliseconds, because older kernels have no others here.
+            let left_ms = deadline_ns.saturating_sub(monotonic_ns()) / 1_000_000;
+            if left_ms == 0 {
+                break;
+            }
+            let left = Timespec { tv_sec: (left_ms / 1000) as i64, tv_nsec: (left_ms % 1000 * 1_000_000) as i64 };
+            let mut event = [epoll::Event { flags: epoll::EventFlags::empty(), data: epoll::EventData::new_u64(0) }];
+            match epoll::wait(arrivals, &mut event, Some(&left)) {
+                Ok(0) | Err(Errno::INTR) => {}
+                // What is done next tells what is wrong.
+                Ok(_) | Err(_) => return true,
+            }
+        }
+        self.is_ready(PollFlags::IN, deadline_ns)
     }
 
     /// Waits until the device has bytes or room for them, or is gone; false after the deadline.
@@ -127,10 +154,12 @@ impl Transport for Port {
         loop {
             // Only what is there is read after the deadline, so there is nothing to wait for.
             let late = monotonic_ns() >= deadline_ns;
-            if !late && !self.is_ready(PollFlags::IN, deadline_ns) {
+            if !late && !self.has_bytes(deadline_ns) {
                 return Ok(0);
             }
-            match rustix::io::read(&self.bytes, &mut *buffer) {
+            let read = rustix::io::read(&self.bytes, &mut *buffer);
+            self.drained = read.map_or(true, |n| n < buffer.len());
+            match read {
                 // A readable terminal with no data: some adapters report unplugging like this.
                 Ok(0) => return Err(self.gone("reading")),
                 Ok(n) => return Ok(n),
@@ -158,6 +187,13 @@ impl Transport for Port {
         // A lost device and one without such an input give the same error; the next byte shows which.
         state.map_err(|_| Error::NoPin { port: Arc::clone(&self.name) })
     }
+}
+
+/// The events of a device: each arrival of bytes is one.
+fn events_of(device: &OwnedFd) -> Result<OwnedFd, Errno> {
+    let events = epoll::create(epoll::CreateFlags::CLOEXEC)?;
+    epoll::add(&events, device, epoll::EventData::new_u64(0), epoll::EventFlags::IN | epoll::EventFlags::ET)?;
+    Ok(events)
 }
 
 /// Sets the latency timer of an FTDI adapter, which holds short answers back for 16 ms by default: a file that the

@@ -219,3 +219,59 @@ fn what_a_device_leaves_out_does_not_count_against_it() {
     go.send(()).unwrap();
     device.join().unwrap();
 }
+
+/// Closing and opening can block, which a caller with other work must not.
+#[test]
+fn an_inline_line_neither_closes_a_lost_device_nor_opens_it_again() {
+    let folder = Folder::new();
+    let link = folder.0.join("drive0");
+    let mut jack = PtyLink::new(&link);
+    jack.plug().unwrap();
+    let device = serial::LeftOutClock::create(&link).unwrap();
+    let mut line = ReopeningPort::new(link.to_str().unwrap(), 230_400);
+    line.connection().unwrap();
+    assert!(device.program().is_some());
+
+    line.set_inline(true);
+    jack.unplug();
+    assert!(matches!(line.read(&mut [0], soon()), Err(Error::Gone { .. })));
+    jack.plug().unwrap();
+    serial::sleep_until(line.next_try_ns().unwrap());
+    assert!(matches!(line.connection(), Err(Error::Gone { .. })), "it was opened");
+    assert!(device.program().is_some(), "it was closed");
+
+    line.set_inline(false);
+    assert!(device.program().is_none(), "it is still open");
+    assert_eq!(connect(&mut line), 2);
+}
+
+/// However bytes and reads are cut, no byte that is there is waited for: the deadline never comes.
+#[test]
+fn bytes_are_read_in_any_pieces() {
+    let pty = Pty::open().unwrap();
+    let mut port = Port::open(&name_of(&pty), 115_200).unwrap();
+    let mut random = serial::Random::new(7);
+    let (mut sent, mut got) = (0_usize, 0_usize);
+    let deadline = monotonic_ns() + 3_600_000 * MS;
+    while got < 100_000 {
+        // At times several pieces before a read, at times none.
+        for _ in 0..random.byte() % 4 {
+            let piece: Vec<u8> = (0..1 + usize::from(random.byte() % 40)).map(|i| (sent + i) as u8).collect();
+            if sent - got < 1000 {
+                sent += pty.write(&piece).unwrap();
+            }
+        }
+        if sent == got {
+            let mut none = [0; 8];
+            let soon = monotonic_ns() + u64::from(random.byte() % 3) * MS / 2;
+            assert_eq!(port.read(&mut none, soon).unwrap(), 0);
+            continue;
+        }
+        let mut buffer = vec![0; 1 + usize::from(random.byte() % 60)];
+        let least = (sent - got).min(1 + usize::from(random.byte() % 20)).min(buffer.len());
+        let n = port.fill_at_least(&mut buffer, least, deadline).unwrap();
+        assert!(n >= least);
+        assert!(buffer[..n].iter().enumerate().all(|(i, byte)| *byte == (got + i) as u8), "after {got} bytes");
+        got += n;
+    }
+}
