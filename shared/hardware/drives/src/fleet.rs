@@ -5,8 +5,8 @@
 //!
 //! A single port has a thread too: opening and closing a device can block, a missing answer is waited for up to 12 ms
 //! on a native port and 25 ms on USB, longer than a cycle lasts, and neither the end of the cycle nor the next request
-//! may wait for that. But handing every cycle to it and back costs a third of the cycle's thread switches. So while all
-//! units of a single port are in use, the caller has the bus, where that [can run inline](DriveBus::can_run_inline).
+//! may wait for that. But handing every cycle to it and back is two more sleeps in each. So while all units of a single
+//! port are in use, the caller has the bus, where that [can run inline](DriveBus::can_run_inline).
 //! The thread gets it back as soon as an answer is missing at the deadline or a unit is not in use any more.
 //!
 //! The threads inherit scheduling policy, priority and processors of the thread that opens the fleet.
