@@ -7,7 +7,7 @@
 //! on a native port and 25 ms on USB, longer than a cycle lasts, and neither the end of the cycle nor the next request
 //! may wait for that. But handing every cycle to it and back is two more sleeps in each. So while all units of a single
 //! port are in use, the caller has the bus, where that [can run inline](DriveBus::can_run_inline).
-//! The thread gets it back as soon as an answer is missing at the deadline or a unit is not in use any more.
+//! The thread gets it back as soon as a unit is not in use any more, or the bus is out of step.
 //!
 //! The threads inherit scheduling policy, priority and processors of the thread that opens the fleet.
 
@@ -181,7 +181,7 @@ impl Fleet {
         }
     }
 
-    /// Gives the bus back to its thread where something has to be waited for, opened or closed.
+    /// Gives the bus back to its thread where there is something to do between cycles, or a device to close.
     fn return_unsettled(&mut self) {
         let lost = self.reply.ports.first().and_then(|port| port.lost.clone());
         let Some(Inline { bus, .. }) = self.inline.take_if(|inline| lost.is_some() || !inline.bus.is_settled()) else {

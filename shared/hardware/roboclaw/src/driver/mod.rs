@@ -291,9 +291,11 @@ impl<T: Transport> Bus<T> {
         &self.stop
     }
 
-    /// True where every unit is in use and the bus in step: nothing is left to do between cycles.
+    /// True where every unit is in use and the bus in step: nothing is left to do between cycles. The next cycle itself
+    /// waits on for an answer that was left to it.
     pub fn is_settled(&self) -> bool {
-        self.step == step::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
+        let waits = self.inline && matches!(self.step, step::Step::Late(_));
+        (waits || self.step == step::Step::Settled) && self.units.iter().all(|unit| unit.phase == Phase::Ready)
     }
 
     /// Begins a call that has to end by `deadline_ns` where the bus runs inline.
