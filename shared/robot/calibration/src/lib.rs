@@ -10,6 +10,7 @@
 //! * [`gps`]: the baseline of the paper, anchors from points with known positions.
 //! * [`undecided`]: whether the measurements determine a radius, a scale or a zero that was set free.
 //! * [`mod@loads`]: stiffness, routed length and weight of the node from a known weight.
+//! * [`flight`]: stiffness from the record of a flight, as far as it tells it.
 //! * [`holdout`]: prediction of points that a calibration did not use.
 //! * [`pattern`]: whether the residuals have a pattern that the model does not explain.
 //! * [`unmeasured_radius`]: what wheels that were not measured would change.
@@ -87,6 +88,7 @@ mod determination;
 mod error;
 mod estimate;
 mod fisher;
+pub mod flight;
 pub mod gps;
 pub mod heights;
 pub mod holdout;
@@ -116,7 +118,7 @@ pub use gps::gps_anchor;
 pub use heights::{calibrate_heights, points_from_rows};
 pub use holdout::{Holdout, hold_out};
 pub use joint::{DirectHeight, Joint, JointInput, Loss, calibrate_joint};
-pub use loads::{Found, LoadMeasurements, Loads, Sinking, Weighing, loads};
+pub use loads::{FORCE_CONSTANT, Found, LoadMeasurements, Loads, Sinking, Weighing, loads};
 pub use measurements::{
     Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method, Outlier,
 };

@@ -24,10 +24,10 @@ use super::error::{CalibrationError, check_sigma, invalid};
 const REMAINING: f64 = 0.7;
 
 /// Standard deviation of the stiffness of one cable about that of its reel, as a share (docs/truth.md).
-const EACH_CABLE: f64 = 0.03;
+pub(crate) const EACH_CABLE: f64 = 0.03;
 
 /// Standard deviation of force constants as stated in data sheets, as a share (docs/truth.md).
-const FORCE_CONSTANT: f64 = 0.05;
+pub const FORCE_CONSTANT: f64 = 0.05;
 
 /// Gauss-Newton steps; the problem is nearly linear.
 const STEPS: usize = 8;
