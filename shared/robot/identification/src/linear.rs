@@ -43,6 +43,52 @@ impl Equations {
     }
 }
 
+/// Two-stage least squares (instrumental variables): `row x = value`, where the row is noisy and the instruments are
+/// not. Noise of a row pulls ordinary least squares away from the truth, however long the record is.
+pub(crate) struct Instrumented {
+    parts: Vec<(DMatrix<f64>, DMatrix<f64>)>,
+    instruments: usize,
+    unknowns: usize,
+}
+
+impl Instrumented {
+    pub fn new(instruments: usize, unknowns: usize) -> Self {
+        let part = || (DMatrix::zeros(instruments, instruments), DMatrix::zeros(instruments, unknowns + 1));
+        Self { parts: (0..PARTS).map(|_| part()).collect(), instruments, unknowns }
+    }
+
+    /// Adds `row x = value` to a part.
+    pub fn add(&mut self, part: usize, instruments: &[f64], row: &[f64], value: f64) {
+        let (square, cross) = &mut self.parts[part];
+        for i in 0..self.instruments {
+            for j in 0..self.instruments {
+                square[(i, j)] += instruments[i] * instruments[j];
+            }
+            for (j, other) in row.iter().chain([&value]).enumerate() {
+                cross[(i, j)] += instruments[i] * other;
+            }
+        }
+    }
+
+    /// Solution without a part, or of all.
+    pub fn solve(&self, without: Option<usize>) -> Option<Vec<f64>> {
+        let mut square = DMatrix::zeros(self.instruments, self.instruments);
+        let mut cross = DMatrix::zeros(self.instruments, self.unknowns + 1);
+        for (part, (one, other)) in self.parts.iter().enumerate() {
+            if Some(part) != without {
+                square += one;
+                cross += other;
+            }
+        }
+        // What of rows and values the instruments explain.
+        let explained = cross.transpose() * square.cholesky()?.solve(&cross);
+        let matrix = explained.view((0, 0), (self.unknowns, self.unknowns)).into_owned();
+        let vector = explained.view((0, self.unknowns), (self.unknowns, 1)).into_owned();
+        let solved = matrix.cholesky()?.solve(&vector);
+        solved.iter().all(|value| value.is_finite()).then(|| solved.iter().copied().collect())
+    }
+}
+
 /// The same number of all parts and without each of them.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Spread {
@@ -76,6 +122,20 @@ pub(crate) fn part_of(index: usize, count: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn noise_of_a_row_does_not_pull_the_solution_where_instruments_are_given() {
+        let (mut plain, mut instrumented) = (Equations::new(1), Instrumented::new(1, 1));
+        for k in 0..10_000 {
+            let known = f64::from(k % 7) - 3.0;
+            // As large as what is known, and without a share of it.
+            let noisy = known + if k / 7 % 2 == 0 { 2.0 } else { -2.0 };
+            plain.add(part_of(k as usize, 10_000), &[noisy], 1.2 * known);
+            instrumented.add(part_of(k as usize, 10_000), &[known], &[noisy], 1.2 * known);
+        }
+        let [plain, found] = [plain.solve(None), instrumented.solve(None)].map(|solved| solved.unwrap()[0]);
+        assert!(plain < 0.7 && (found - 1.2).abs() < 0.01, "{plain} {found}");
+    }
 
     #[test]
     fn the_jackknife_states_the_spread_of_a_mean() {

@@ -1,7 +1,7 @@
 //! Constants of a motor, its friction, and the load, from duty, current and velocity.
 
 use crate::drive::{Fitted, MODEL};
-use crate::linear::{Equations, Spread, part_of};
+use crate::linear::{Equations, Instrumented, Spread, part_of};
 use crate::record::Record;
 use crate::value::Value;
 
@@ -45,6 +45,7 @@ pub(crate) struct Found {
 /// Means over a window.
 struct Window {
     velocity_m_s: f64,
+    reference_m_s: f64,
     acceleration_m_s2: f64,
     current_a: f64,
     voltage_v: f64,
@@ -63,6 +64,7 @@ fn windows(record: &Record, fitted: &Fitted) -> Vec<Window> {
         let slope = |values: &[f64], k: usize| (values[k + 1] - values[k - 1]) / (read[k + 1] - read[k - 1]);
         let window = Window {
             velocity_m_s: mean(&|k| slope(length, k)),
+            reference_m_s: mean(&|k| reference[k]),
             // Of the reference, which has no encoder steps.
             acceleration_m_s2: mean(&|k| slope(reference, k)),
             current_a: mean(&|k| record.current_a[k]),
@@ -70,8 +72,9 @@ fn windows(record: &Record, fitted: &Fitted) -> Vec<Window> {
             supply_v: mean(&|k| record.supply_v[k]),
             tension_n: mean(&|k| record.tension_n[k]),
         };
-        let Window { velocity_m_s, acceleration_m_s2, current_a, voltage_v, supply_v, tension_n } = window;
-        let numbers = [velocity_m_s, acceleration_m_s2, current_a, voltage_v, supply_v, tension_n];
+        let Window { velocity_m_s, reference_m_s, acceleration_m_s2, current_a, voltage_v, supply_v, tension_n } =
+            window;
+        let numbers = [velocity_m_s, reference_m_s, acceleration_m_s2, current_a, voltage_v, supply_v, tension_n];
         if record.is_flown[all].iter().all(|flown| *flown) && numbers.iter().all(|number| number.is_finite()) {
             out.push(window);
         }
@@ -96,17 +99,30 @@ fn gain(record: &Record, fitted: &Fitted) -> Option<Equations> {
     Some(equations)
 }
 
+/// `supply duty = resistance current + force constant velocity`. The speed loop answers each step of the encoder with a
+/// ripple of the current that is as large as the current itself, and of which the drive reports an average where the
+/// duty is that of an instant. What moves the current otherwise, load, friction and acceleration of the reference, has
+/// no ripple and takes its place.
+fn electrical(windows: &[Window]) -> Instrumented {
+    let mut equations = Instrumented::new(5, 2);
+    for (k, window) in windows.iter().enumerate() {
+        let sign = libm::tanh(window.reference_m_s / TRANSITION_M_S);
+        let Window { tension_n, reference_m_s, acceleration_m_s2, .. } = *window;
+        let instruments = [acceleration_m_s2, tension_n, tension_n * sign, sign, reference_m_s];
+        // The duty is positive where it pays out, the current where it reels in.
+        let row = [-window.current_a, window.velocity_m_s];
+        equations.add(part_of(k, windows.len()), &instruments, &row, window.voltage_v);
+    }
+    equations
+}
+
 /// Fits the motor; `None` where too little was recorded.
 pub(crate) fn fit(record: &Record, fitted: &Fitted) -> Option<Found> {
     let windows = windows(record, fitted);
     if windows.len() < LEAST_WINDOWS {
         return None;
     }
-    let mut electrical = Equations::new(2);
-    for (k, window) in windows.iter().enumerate() {
-        // The duty is positive where it pays out, the current where it reels in.
-        electrical.add(part_of(k, windows.len()), &[-window.current_a, window.velocity_m_s], window.voltage_v);
-    }
+    let electrical = electrical(&windows);
     let mut mechanical = Equations::new(5);
     for (k, window) in windows.iter().enumerate() {
         let reel_in_m_s = -window.velocity_m_s;
