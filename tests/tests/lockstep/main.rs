@@ -14,6 +14,7 @@ mod export;
 mod flights;
 mod georeference;
 mod identify;
+mod identify_stiffness;
 /// The template for a custom law.
 #[path = "../../../scripts/templates/law/src/law.rs"]
 mod law;

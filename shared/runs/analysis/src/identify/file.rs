@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use calibration::Found;
 use config::section::Key;
 use config::{IdentifiedCable, IdentifiedFile, IdentifiedMotor};
 use identification::{Identified, Motor, Value};
@@ -70,10 +71,15 @@ pub(super) fn text(run: &Path, found: &Findings) -> String {
     if let Some(mass) = found.mass_kg {
         put(&mut text, &entry(IdentifiedFile::KEYS, "node_mass_kg", mass, 4));
     }
-    let _ = writeln!(
-        text,
-        "# stiffness_n: a run does not tell it; add it here, in N, if it was measured with a known weight"
-    );
+    match &found.stiffness.stiffness_n {
+        Found::Determined { value, std } => {
+            let value = Value { value: *value, sigma: *std };
+            put(&mut text, &entry(IdentifiedFile::KEYS, "stiffness_n", value, 0));
+        }
+        Found::Undetermined(why) => {
+            let _ = writeln!(text, "# stiffness_n: {}", why.replace('\n', " "));
+        }
+    }
     motor(&mut text, found);
     cables(&mut text, found);
     text
@@ -115,6 +121,7 @@ fn cables(text: &mut String, found: &Findings) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use calibration::flight::FlightStiffness;
     use identification::Drive;
 
     /// Findings in which each value is this one.
@@ -133,6 +140,11 @@ mod tests {
             tension_n: 5.0,
         });
         Identified { drive, motor }
+    }
+
+    fn stiffness(value_n: f64) -> FlightStiffness {
+        let stiffness_n = Found::Determined { value: value_n, std: 300.0 };
+        FlightStiffness { stiffness_n, left: 0.05, estimate_n: value_n }
     }
 
     fn load(text: &str) -> IdentifiedFile {
@@ -154,7 +166,7 @@ mod tests {
                 mixed.drive.lag_s.value = second;
                 let mass_kg = Some(Value { value: second, sigma: 0.1 });
                 let cables = vec![Ok(mixed), failed, Ok(all(second, false))];
-                let found = Findings { cables, mass_kg, used_s: 60.0 };
+                let found = Findings { cables, mass_kg, stiffness: stiffness(first), used_s: 60.0 };
                 let file = load(&super::text(Path::new("runs/one"), &found));
                 assert_eq!(file.cable.len(), 3);
             }
@@ -164,19 +176,23 @@ mod tests {
     #[test]
     fn what_the_reader_would_refuse_is_a_comment() {
         let cables = vec![Ok(all(0.04, true)), Err("too little motion".to_owned())];
-        let found = Findings { cables, mass_kg: Some(Value { value: 1.2, sigma: 0.1 }), used_s: 60.0 };
+        let mass_kg = Some(Value { value: 1.2, sigma: 0.1 });
+        let found = Findings { cables, mass_kg, stiffness: stiffness(5500.4), used_s: 60.0 };
         let text = super::text(Path::new("runs/one"), &found);
         let file = load(&text);
         assert_eq!((file.drive_lag_s(), file.node_mass_kg), (Some([0.04, 0.04]), Some(1.2)));
-        assert_eq!(file.motor.force_constant_n_a, Some(0.04));
+        assert_eq!((file.motor.force_constant_n_a, file.stiffness_n), (Some(0.04), Some(5500.0)));
         assert!(text.contains("# not identified: too little motion") && !text.contains("left out"), "{text}");
 
         let mut one = all(0.0, true);
         one.drive.delay_s.value = -0.0004;
-        let found = Findings { cables: vec![Ok(one)], mass_kg: None, used_s: 60.0 };
+        let why = "this run does not\ntell".to_owned();
+        let stiffness = FlightStiffness { stiffness_n: Found::Undetermined(why), ..stiffness(6000.0) };
+        let found = Findings { cables: vec![Ok(one)], mass_kg: None, stiffness, used_s: 60.0 };
         let text = super::text(Path::new("runs/one"), &found);
         let file = load(&text);
         assert_eq!((file.delay_s, file.lag_s, file.motor.force_constant_n_a), (None, None, None));
+        assert!(file.stiffness_n.is_none() && text.contains("# stiffness_n: this run does not tell\n"), "{text}");
         for left_out in ["delay_s = -0.0004", "lag_s = 0.0000", "force_constant_n_a = 0.00"] {
             assert!(text.contains(&format!("# left out: {left_out} ")), "{left_out}: {text}");
         }

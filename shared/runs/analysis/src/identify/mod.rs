@@ -1,23 +1,22 @@
-//! `nims identify`: delay and lag of the drives, motor constants, friction and the node's mass from a run.
+//! `nims identify`: delay and lag of the drives, motor constants, friction, the node's mass and, as far as it tells it,
+//! the stiffness of the cables from a run.
 
 mod file;
 mod findings;
 mod page;
 mod rows;
+mod stiffness;
 mod stretch;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use calibration::Found;
+use calibration::flight::FlightStiffness;
 use command::{Answer, Failure, Output};
 use findings::Findings;
 use identification::{Identified, Value, identify};
 use serde_json::{Value as Json, json};
-
-/// Why a run states no stiffness: encoders on the winches do not see the stretch, and the swing of the node, which
-/// depends on it, changes the currents by a tenth of their noise.
-const WITHOUT_STIFFNESS: &str = "a run does not tell, because the encoders are on the winches; `nims loads` measures it \
-                                 with a known weight";
 
 /// `nims identify`.
 #[derive(Debug, clap::Args)]
@@ -40,8 +39,9 @@ pub fn run(args: &Args) -> Answer<Output> {
     if let Some(Err(error)) = cables.first().filter(|_| cables.iter().all(Result::is_err)) {
         return Err(Failure::BadInput(format!("{} does not determine any drive: {error}", args.run.display())));
     }
-    let mass_kg = recorded.node_mass_kg.and_then(|modelled_kg| mass(&cables, modelled_kg));
-    let found = Findings { cables, mass_kg, used_s: recorded.used_s };
+    let mass_kg = recorded.robot.as_ref().and_then(|robot| mass(&cables, robot.node_mass_kg));
+    let stiffness = stiffness::of(&recorded, &cables);
+    let found = Findings { cables, mass_kg, stiffness, used_s: recorded.used_s };
     let mut words = text(&found);
     if let Some(out) = &args.out {
         write(out, &args.run, &recorded, &found)?;
@@ -76,10 +76,19 @@ fn pair(value: Value) -> Json {
 
 fn value(found: &Findings) -> Json {
     let cables: Vec<Json> = found.cables.iter().map(cable).collect();
-    let stiffness_n = json!({ "undetermined": WITHOUT_STIFFNESS });
+    let stiffness_n = stiffness(&found.stiffness);
     json!({
         "used_s": found.used_s, "cables": cables, "node_mass_kg": found.mass_kg.map(pair), "stiffness_n": stiffness_n,
     })
+}
+
+fn stiffness(found: &FlightStiffness) -> Json {
+    // Both are standard deviations as shares of the stiffness: before the flight, and what it leaves.
+    let (before, left) = (calibration::flight::WIDE, found.left);
+    match &found.stiffness_n {
+        Found::Determined { value, std } => json!({ "value": value, "sigma": std, "left": left, "before": before }),
+        Found::Undetermined(why) => json!({ "undetermined": why, "left": left, "before": before }),
+    }
 }
 
 fn cable(found: &Result<Identified, String>) -> Json {
@@ -143,7 +152,13 @@ fn text(found: &Findings) -> String {
     if let Some(mass) = found.mass_kg {
         let _ = write!(text, "\nnode with its sensors: {} kg", cell(mass, 1.0, 3));
     }
-    let _ = write!(text, "\nstiffness of the cables: {WITHOUT_STIFFNESS}");
+    let _ = match &found.stiffness.stiffness_n {
+        Found::Determined { value, std } => {
+            let value = Value { value: *value, sigma: *std };
+            write!(text, "\nstiffness of the cables: {} N", cell(value, 1.0, 0))
+        }
+        Found::Undetermined(why) => write!(text, "\nstiffness of the cables: {why}"),
+    };
     text
 }
 

@@ -3,6 +3,8 @@
 
 use std::path::Path;
 
+use calibration::Found;
+use calibration::flight::WIDE;
 use command::Answer;
 use identification::{Identified, Value};
 use plot::{Axis, Chart, Legend, Picture, Series, SeriesStyle};
@@ -33,6 +35,7 @@ pub(super) fn save(out: &Path, recorded: &Recorded, found: &Findings) -> Answer 
             &[("load", &|one| Some((one.motor?.load_share, 1.0)))],
         ),
     ];
+    charts.extend(stiffness(recorded, found));
     charts.extend(recorded.cables.iter().enumerate().map(|(cable, record)| {
         let step = record.len().div_ceil(POINTS).max(1);
         let begin_s = record.sent_s.first().copied().unwrap_or_default();
@@ -57,6 +60,28 @@ pub(super) fn save(out: &Path, recorded: &Recorded, found: &Findings) -> Answer 
     let rows = charts.len().div_ceil(2) as u32;
     let title = format!("identified from {:.0} s", found.used_s);
     plot::save(&out.join("identify"), &Picture { title, size: (1200, 380 * rows), columns: 2, charts })
+}
+
+/// The stiffness before the flight and after it, if the flight tells it.
+fn stiffness(recorded: &Recorded, found: &Findings) -> Option<Chart> {
+    let Found::Determined { value, std } = found.stiffness.stiffness_n else { return None };
+    let stated_n = recorded.robot.as_ref()?.stiffness_n?;
+    let both = [("robot file, as a kind of cable", stated_n, WIDE * stated_n), ("this run", value, std)];
+    let mut series = Vec::new();
+    for (number, (name, value_n, sigma_n)) in both.into_iter().enumerate() {
+        let x = (number + 1) as f64;
+        let bar = [-2.0, 2.0].map(|sigmas| [x, 1e-3 * (value_n + sigmas * sigma_n)]);
+        series.push(Series::line("", number, bar.to_vec()));
+        series.push(Series::line(name, number, vec![[x, 1e-3 * value_n]]).with_style(SeriesStyle::Discs(4)));
+    }
+    Some(Chart {
+        caption: "stiffness EA of the cables, with two standard deviations".to_owned(),
+        x: Axis::fixed("before the run, after it", 0.5, 2.8),
+        y: Axis::auto("EA, kN"),
+        series,
+        legend: Legend::UpperRight,
+        ..Chart::default()
+    })
 }
 
 /// A named value of a cable and the scale in which it is drawn.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use cable_robot::RobotParts;
 use command::{Answer, Failure};
 use identification::Record;
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState, NodeEstimate};
@@ -19,8 +20,8 @@ const AWAITED_CYCLES: usize = 512;
 pub(crate) struct Recorded {
     pub cables: Vec<Record>,
     pub used_s: f64,
-    /// By the run's robot file, kg.
-    pub node_mass_kg: Option<f64>,
+    /// By the run's robot file.
+    pub robot: Option<RobotParts>,
 }
 
 /// Reads a run.
@@ -53,7 +54,7 @@ pub(crate) fn read(run: &Path) -> Answer<Recorded> {
     Ok(Recorded {
         used_s: cables.first().map_or(0.0, |record| record.len() as f64 * record.period_s),
         cables,
-        node_mass_kg: robot.and_then(|robot| robot.robot().ok()).map(|robot| robot.node_mass_kg()),
+        robot: robot.and_then(|robot| robot.parts().ok()),
     })
 }
 

@@ -8,6 +8,11 @@ const LONGEST_S: f64 = 600.0;
 /// What is kept of a rest after a motion, and before the next one, s: far longer than delay and lag.
 const REST_S: f64 = 5.0;
 
+/// Step of a length at rest, in one cycle, from which it was set anew, m: more than the drives settle by. The cycles
+/// beside it have less than the other one.
+const SET_M: f64 = 0.0005;
+const STILL_M: f64 = 0.0002;
+
 /// Samples of a cycle.
 #[derive(Default)]
 pub(super) struct Row {
@@ -128,7 +133,27 @@ impl Stretch {
             }
             record.interpolate_lost();
         }
+        undo_setting(&mut cables);
         cables
+    }
+}
+
+/// Undoes that lengths were set anew while all cables rested: no cable moved then.
+fn undo_setting(cables: &mut [Record]) {
+    let cycles = cables.iter().map(Record::len).min().unwrap_or(0);
+    let largest_m = |cables: &[Record], k: usize| {
+        cables.iter().map(|record| (record.length_m[k] - record.length_m[k - 1]).abs()).fold(0.0, f64::max)
+    };
+    for k in 2..cycles.saturating_sub(1) {
+        let rests = |record: &Record| record.command_m_s[k - 1..=k].iter().all(|command| command.abs() < MOVING_M_S);
+        let is_alone = [k - 1, k + 1].iter().all(|beside| largest_m(cables, *beside) < STILL_M);
+        if largest_m(cables, k) < SET_M || !is_alone || !cables.iter().all(rests) {
+            continue;
+        }
+        for record in cables.iter_mut() {
+            let step_m = record.length_m[k] - record.length_m[k - 1];
+            record.length_m[k..].iter_mut().for_each(|length_m| *length_m -= step_m);
+        }
     }
 }
 
@@ -233,6 +258,23 @@ mod tests {
         let readings = record.read_s.windows(2).map(|pair| pair[1] - pair[0]);
         assert!(readings.take(998).all(|step_s| (step_s - 0.01).abs() < 1e-6));
         assert!(record.is_flown[..999].iter().all(|flown| *flown) && !record.is_flown[999]);
+    }
+
+    #[test]
+    fn lengths_that_are_set_at_rest_move_no_cable() {
+        let mut stretches = stretches();
+        for cycle in 1..=2000 {
+            let moves = cycle < 400 || cycle > 1200;
+            let mut row = row(cycle, if moves { 0.1 } else { 0.0 });
+            if let Some(state) = &mut row.state {
+                let moved_m = 0.001 * (cycle.min(400) + cycle.max(1200)) as f64;
+                state.length_m[0] = moved_m + if cycle >= 800 { 0.02 } else { 0.0 };
+            }
+            stretches.add((1, cycle), &row);
+        }
+        let record = stretches.longest().remove(0);
+        let gone_m = record.length_m[1999] - record.length_m[0];
+        assert!((gone_m - 1.199).abs() < 1e-9, "{gone_m}");
     }
 
     #[test]
