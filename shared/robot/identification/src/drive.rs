@@ -19,10 +19,12 @@ pub struct ModelError {
     pub loop_share: f64,
     /// Motor and load, as a share of each value.
     pub motor_share: f64,
+    /// Resistance, as a share.
+    pub resistance_share: f64,
 }
 
 /// See [`ModelError`].
-pub const MODEL: ModelError = ModelError { total_s: 0.0012, split_s: 0.002, loop_share: 0.1, motor_share: 0.04 };
+pub const MODEL: ModelError = ModelError { total_s: 0.0012, split_s: 0.002, loop_share: 0.1, motor_share: 0.04, resistance_share: 0.01 };
 
 /// Duration of a block, s, in which the mean of the lengths is free: slip and creep are slower.
 const BLOCK_S: f64 = 2.0;

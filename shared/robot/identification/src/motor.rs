@@ -134,11 +134,12 @@ pub(crate) fn fit(record: &Record, fitted: &Fitted) -> Option<Found> {
     let constant = |part| Some(electrical.solve(part)?[1]);
     let resistance = |part| Some(electrical.solve(part)?[0]);
     let term = |index: usize, part: Option<usize>| Some(mechanical.solve(part)?[index] * constant(part)?);
-    let value = |compute: &dyn Fn(Option<usize>) -> Option<f64>| {
+    let with_share = |share: f64, compute: &dyn Fn(Option<usize>) -> Option<f64>| {
         let spread = Spread::of(compute)?;
-        let sigma = (spread.sigma().powi(2) + (MODEL.motor_share * spread.all).powi(2)).sqrt();
+        let sigma = (spread.sigma().powi(2) + (share * spread.all).powi(2)).sqrt();
         Some(Value { value: spread.all, sigma })
     };
+    let value = |compute: &dyn Fn(Option<usize>) -> Option<f64>| with_share(MODEL.motor_share, compute);
     let mean = |of: &dyn Fn(&Window) -> f64| windows.iter().map(of).sum::<f64>() / windows.len() as f64;
     let (tension_n, supply_v) = (mean(&|window| window.tension_n), mean(&|window| window.supply_v));
     let speed_m_s = mean(&|window| window.velocity_m_s.abs());
@@ -147,7 +148,7 @@ pub(crate) fn fit(record: &Record, fitted: &Fitted) -> Option<Found> {
         Some((terms[2] * tension_n + terms[3] + terms[4] * speed_m_s) * constant(part)?)
     };
     let motor = Motor {
-        resistance_ohm: value(&resistance)?,
+        resistance_ohm: with_share(MODEL.resistance_share, &resistance)?,
         force_constant_n_a: value(&constant)?,
         inertia_kg: value(&|part| term(0, part))?,
         load_share: value(&|part| term(1, part))?,
