@@ -24,7 +24,8 @@ pub struct ModelError {
 }
 
 /// See [`ModelError`].
-pub const MODEL: ModelError = ModelError { total_s: 0.0012, split_s: 0.002, loop_share: 0.1, motor_share: 0.04, resistance_share: 0.01 };
+pub const MODEL: ModelError =
+    ModelError { total_s: 0.0012, split_s: 0.002, loop_share: 0.1, motor_share: 0.04, resistance_share: 0.01 };
 
 /// Duration of a block, s, in which the mean of the lengths is free: slip and creep are slower.
 const BLOCK_S: f64 = 2.0;

@@ -41,6 +41,11 @@ const FRICTION_N_S_M: f64 = 5.0;
 /// Of rotor and gear as a mass at the cable, kg; the robot file has none.
 const INERTIA_KG: f64 = 40.0;
 
+/// Mean and standard deviation of the yielding of a pole as shares of its root mean square: it yields towards the node
+/// and never away, as a half-normal distribution has it.
+const POLE_MEAN: f64 = 0.80;
+const POLE_SIGMA: f64 = 0.60;
+
 /// Speed from which the friction of a winch has its full size, m/s, as a factor of the robot file's transition.
 const FULL_FRICTION: f64 = 2.0;
 /// Least such speed, m/s: stiction ends below it.
@@ -271,7 +276,11 @@ impl Model {
         for _ in 0..2 {
             let lengths_m = CableVec::from_fn(n, |i| {
                 let errors_m = self.errors_m(place, i, tensions_n[i], robot);
-                let error_m: f64 = errors_m.iter().map(|(unknown, error_m)| at[*unknown] * error_m).sum();
+                // The poles are those alone whose mean is not 0.
+                let mean =
+                    |unknown: usize| if unknown == COMMON + OF_CABLE * i + POLE { POLE_MEAN / POLE_SIGMA } else { 0.0 };
+                let error_m: f64 =
+                    errors_m.iter().map(|(unknown, error_m)| (at[*unknown] + mean(*unknown)) * error_m).sum();
                 // The unknown share of `STRETCHED` is among the errors.
                 let stated_m = self.counted_m(place, i, &DVector::zeros(COMMON), robot);
                 place.part.lengths_m[i] + stated_m + error_m
@@ -331,7 +340,7 @@ fn sigmas(parts: &RobotParts, robot: &Robot, constants: &[[f64; 2]]) -> DVector<
             (EACH, crate::loads::EACH_CABLE),
             (SCALE, uncertainty.cable_scale),
             (ZERO, ZERO_M),
-            (POLE, uncertainty.pole_m_n),
+            (POLE, POLE_SIGMA * uncertainty.pole_m_n),
             (CONSTANT, sigma_n_a / constant_n_a),
             (GEAR, GEAR_SHARE.hypot(uncertainty.pulley_friction)),
             (COULOMB, FRICTION_SHARE * motor.coulomb_n + FRICTION_N),
