@@ -43,6 +43,9 @@ const CLEANING_PAUSE: Duration = Duration::from_millis(20);
 /// Largest number of notifiers, of listeners and of processes of a channel's event, which may have one notifier more
 /// than publishers, that of a successor.
 const EVENT_PORTS: usize = 64;
+/// Largest event id: all notifiers have the one that iceoryx2 gives by default. A listener that wakes up clears a counter
+/// for each possible one, which are 256 if another program has created the event.
+const MOST_EVENT_ID: usize = 0;
 /// Samples that a publisher loans at once: it fills one and sends it.
 pub(crate) const LOANS: usize = 1;
 /// Samples that a subscriber borrows at once: it copies one and returns it.
@@ -323,6 +326,7 @@ impl Bus {
                 .node
                 .service_builder(&name)
                 .event()
+                .event_id_max_value(MOST_EVENT_ID)
                 .max_notifiers(places)
                 .max_listeners(EVENT_PORTS)
                 .max_nodes(places)

@@ -179,16 +179,16 @@ impl<T: Payload> Publisher<T> {
     pub fn send(&mut self, sample: &mut T) -> Result<usize, BusError> {
         self.seq += 1;
         sample.number(self.seq, crate::clock::now_ns());
-        let recipients = self.publish(*sample)?;
+        let recipients = self.publish(sample)?;
         // A failure means that the time since the last notification was long or that a listener has just died; the
         // sample is published anyway.
         let _ = self.notifier.notify();
         Ok(recipients)
     }
 
-    fn publish(&mut self, sample: T) -> Result<usize, BusError> {
+    fn publish(&mut self, sample: &T) -> Result<usize, BusError> {
         let loan = self.port.loan_uninit().map_err(|error| BusError::failed(&self.channel, "lend a sample", &error))?;
-        loan.write_payload(ShmSample(sample)).send().map_err(|error| BusError::failed(&self.channel, "send", &error))
+        loan.write_payload(ShmSample(*sample)).send().map_err(|error| BusError::failed(&self.channel, "send", &error))
     }
 
     /// Connects to subscribers created since the last [`Publisher::send`], and sends them the history.
