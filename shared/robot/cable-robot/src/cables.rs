@@ -58,6 +58,15 @@ impl CableVec {
         Self::from_fn(n, |i| values[i])
     }
 
+    /// Copies an array of at most [`MAX_CABLES`] values; more do not compile.
+    #[inline]
+    pub(crate) fn from_array<const N: usize>(given: [f64; N]) -> Self {
+        const { assert!(N <= MAX_CABLES) };
+        let mut values = [0.0; MAX_CABLES];
+        values[..N].copy_from_slice(&given);
+        Self { values, len: N }
+    }
+
     /// Computes the value of each of `n` cables from its index; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
     pub fn from_fn(n: usize, mut value: impl FnMut(usize) -> f64) -> Self {
         let mut result = Self::zeros(n);

@@ -9,6 +9,8 @@
 //! choice of tensions with (27)-(37). A pose that no tensions can hold is a [`crate::tension::TensionError`]; lengths
 //! without an equilibrium are an [`ElasticError`].
 
+mod springs;
+
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
@@ -16,11 +18,12 @@ use crate::kinematics::{
     Jacobian, KinematicsError, LONGEST_M, NodeJacobian, StructureMatrix, check_pulleys, forward_kinematics,
     inverse_kinematics,
 };
-use crate::linalg::{self, Cholesky};
+use crate::linalg::{self, SymmetricInverse};
 use crate::pulley::CableGeometry;
 use crate::sag::{self, Load};
 use crate::tension::{self, TensionError};
 use crate::{CableVec, Distribution, MAX_CABLES, Robot};
+use springs::{AllSprings, Balance, Described};
 
 /// Coordinates (m) and forces (N) beyond this are in a wrong unit or erroneous.
 const LARGEST: f64 = 1e6;
@@ -157,6 +160,8 @@ pub struct Equilibrium {
     pub iterations: usize,
     /// Sensitivity of the position to the measured lengths, dX/dl, 3 x N; zero columns for slack cables.
     pub sensitivity: NodeJacobian,
+    /// Force per displacement of the node while the drums stand still, N/m, without slack cables; None for rigid ones.
+    pub stiffness_n_m: Option<Matrix3<f64>>,
 }
 
 impl Equilibrium {
@@ -223,7 +228,8 @@ pub fn equilibrium_under(
     if robot.is_planar() {
         wrench.y = 0.0;
     }
-    let cables = ElasticCables { robot, unstretched_m, stiffness, wrench };
+    let springs = AllSprings::new(robot, unstretched_m, stiffness);
+    let cables = ElasticCables { robot, unstretched_m, stiffness, wrench, springs };
     let found = cables.balance(cables.start(guess));
     // With very stiff cables and a distant guess the iteration can reach its bound: start from the lengths instead.
     if found.is_err() && guess.is_some() { cables.balance(cables.start(None)) } else { found }
@@ -234,17 +240,12 @@ struct ElasticCables<'a> {
     unstretched_m: &'a [f64],
     stiffness: f64,
     wrench: Vector3<f64>,
+    /// The cables as they are without weight.
+    springs: AllSprings,
 }
 
 /// What the weight of each cable does at the start of a step.
 type Loads = [Load; MAX_CABLES];
-
-struct Balance {
-    /// Gradient of the potential: minus the force out of balance, N.
-    gradient: Vector3<f64>,
-    hessian: Matrix3<f64>,
-    potential: f64,
-}
 
 impl ElasticCables<'_> {
     /// Starting point: the guess, or the position of rigid cables, or a point below the centre of the anchors.
@@ -282,28 +283,21 @@ impl ElasticCables<'_> {
         let anchors = self.robot.anchors();
         let mut balance = Balance { gradient: self.wrench, hessian: Matrix3::zeros(), potential: self.wrench.dot(x) };
         // No step ends where a cable has no direction, because NaN is never lower.
-        let Some(pairs) = anchors.pairs_of_pulleys() else {
-            for (i, pulley) in anchors.pulleys().enumerate() {
-                self.add(&mut balance, x, loads, i, &pulley.cable_at(x));
-            }
-            return balance;
-        };
-        for (k, pair) in pairs.enumerate() {
-            for (i, cable) in (2 * k..anchors.len()).zip(&pair.cables_to(x)) {
-                self.add(&mut balance, x, loads, i, cable);
-            }
+        match loads {
+            None => self.springs.add(&mut balance, anchors, x),
+            Some(loads) => anchors.each_cable(x, |i, cable| self.add(&mut balance, x, &loads[i], i, cable)),
         }
         balance
     }
 
-    /// Adds the pull of a cable.
+    /// Adds the pull of a cable with weight.
     #[inline(always)]
-    fn add(&self, balance: &mut Balance, x: &Vector3<f64>, loads: Option<&Loads>, i: usize, cable: &CableGeometry) {
+    fn add(&self, balance: &mut Balance, x: &Vector3<f64>, load: &Load, i: usize, cable: &CableGeometry) {
         let CableGeometry { length_m: length, direction: u, free_m, bend_per_m, across: a } = cable;
         let (total, stretch) = (self.total(i), length - self.unstretched_m[i]);
         let mut k = self.stiffness / total;
         let tension;
-        if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
+        if load.bow_n2_m > 0.0 {
             let softness = total / self.stiffness;
             tension = load.tension_n(stretch - self.carried_m(i, load), softness);
             k = 1.0 / load.softness_m_n(tension, softness);
@@ -329,7 +323,7 @@ impl ElasticCables<'_> {
         // Forces are length differences times stiffness, so their rounding errors grow with both.
         let longest = self.unstretched_m.iter().fold(1.0, |m: f64, l| m.max(*l));
         let tolerance = 1e-10 * (1.0 + self.wrench.norm()) + 1e-15 * self.stiffness * longest;
-        let softest = (0..anchors.len()).fold(f64::INFINITY, |m, i| m.min(self.stiffness / self.total(i)));
+        let softest = self.springs.softest(anchors.len());
         let mut x = start;
         check_pulleys(anchors, &x)?;
         let mut loads = self.loads(&x);
@@ -384,33 +378,29 @@ impl ElasticCables<'_> {
     }
 
     fn describe(&self, x: Vector3<f64>, balance: &Balance, loads: Option<&Loads>, iterations: usize) -> Equilibrium {
-        let n = self.robot.cable_count();
+        let (n, anchors) = (self.robot.cable_count(), self.robot.anchors());
+        let mut found = self.springs.describe(anchors, &x, &balance.hessian);
         let mut slack = [false; MAX_CABLES];
-        let mut columns = [Vector3::zeros(); MAX_CABLES];
-        let mut tensions_n = CableVec::zeros(n);
-        let mut lengths_m = CableVec::zeros(n);
-        let factor = Cholesky::decompose(&balance.hessian);
-        let moved = |pull: &Vector3<f64>| factor.as_ref().map_or_else(Vector3::zeros, |factor| factor.solve(pull));
-        self.robot.anchors().each_cable(&x, |i, cable| {
-            let (total, stretch, u) = (self.total(i), cable.length_m - self.unstretched_m[i], &cable.direction);
-            lengths_m[i] = cable.length_m;
-            if let Some(load) = loads.map(|loads| &loads[i]).filter(|load| load.bow_n2_m > 0.0) {
-                let softness = total / self.stiffness;
-                tensions_n[i] = load.tension_n(stretch - self.carried_m(i, load), softness);
-                slack[i] = tensions_n[i] < load.half_n;
-                // H dX = u (-dT/dl) dl, with softness T = L + bow(T) - l and the softness (l + Lx) / EA.
-                let pull = (1.0 + tensions_n[i] / self.stiffness) / load.softness_m_n(tensions_n[i], softness);
-                columns[i] = moved(&(u * pull));
-                return;
-            }
-            slack[i] = stretch <= 0.0;
-            if !slack[i] {
-                tensions_n[i] = self.stiffness * stretch / total;
-                // H dX = u (-dT/dl) dl, with dT/dl = -EA (L + Lx) / (l + Lx)².
-                let pull = self.stiffness * (total + stretch) / (total * total);
-                columns[i] = moved(&(u * pull));
-            }
-        });
+        for (slack, tension_n) in slack.iter_mut().zip(found.tensions_n.iter()) {
+            *slack = *tension_n <= 0.0;
+        }
+        if let Some(loads) = loads {
+            let inverse = SymmetricInverse::of(&balance.hessian);
+            anchors.each_cable(&x, |i, cable| {
+                let load = &loads[i];
+                if load.bow_n2_m > 0.0 {
+                    let softness = self.total(i) / self.stiffness;
+                    let stretch = cable.length_m - self.unstretched_m[i] - self.carried_m(i, load);
+                    let tension_n = load.tension_n(stretch, softness);
+                    // H dX = u (-dT/dl) dl, with softness T = L + bow(T) - l and the softness (l + Lx) / EA.
+                    let pull = (1.0 + tension_n / self.stiffness) / load.softness_m_n(tension_n, softness);
+                    let moved = inverse.map(|inverse| inverse.times(&(cable.direction * pull)));
+                    found.columns[i] = moved.unwrap_or_else(Vector3::zeros);
+                    (found.tensions_n[i], slack[i]) = (tension_n, tension_n < load.half_n);
+                }
+            });
+        }
+        let Described { lengths_m, tensions_n, columns } = found;
         Equilibrium {
             position: x,
             tensions_n,
@@ -419,6 +409,7 @@ impl ElasticCables<'_> {
             residual: balance.gradient.norm(),
             iterations,
             sensitivity: NodeJacobian { columns, len: n, planar: self.robot.is_planar() },
+            stiffness_n_m: Some(balance.hessian),
         }
     }
 }
@@ -468,10 +459,12 @@ fn rigid(
     let sensitivity = jacobian.node_jacobian().ok_or_else(|| KinematicsError::singular(&found.position))?;
     let structure: StructureMatrix = jacobian.structure_matrix();
     let free = || tension::least_norm_unbounded(&structure, wrench_n);
-    let tensions_n =
-        if robot.redundancy() == 0 { free() } else { tension::least_norm(&structure, wrench_n, [0.0, f64::INFINITY]) }
-            .or_else(|_| free())
-            .unwrap_or_else(|_| CableVec::zeros(anchors.len()));
+    let pulling = || {
+        let pulled = tension::distribute(&structure, wrench_n, [0.0, f64::INFINITY], Distribution::LeastNorm);
+        pulled.map(|found| found.tensions_n)
+    };
+    let tensions_n = if robot.redundancy() == 0 { free() } else { pulling().or_else(|_| free()) }
+        .unwrap_or_else(|_| CableVec::zeros(anchors.len()));
     let mut slack = [false; MAX_CABLES];
     for (s, t) in slack.iter_mut().zip(tensions_n.iter()) {
         *s = *t <= 0.0;
@@ -484,5 +477,6 @@ fn rigid(
         residual: found.residual_rms_m,
         iterations: 0,
         sensitivity,
+        stiffness_n_m: None,
     })
 }

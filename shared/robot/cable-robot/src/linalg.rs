@@ -1,5 +1,8 @@
 //! Small fixed-size kernels. nalgebra's general products may select instructions by processor; these never do.
 
+pub(crate) mod closed;
+pub(crate) mod eigen;
+
 use nalgebra::{Matrix3, Vector3};
 
 use crate::{CableVec, MAX_CABLES};
@@ -56,6 +59,9 @@ impl<const N: usize, const D: usize> Qr<N, D> {
 /// the plane the y of the rows is ignored, the rank is two and the y of the columns is 0.
 pub fn pseudo_inverse(rows: &[Vector3<f64>], planar: bool) -> Option<[Vector3<f64>; MAX_CABLES]> {
     // Most robots have three or four cables and solve this in every cycle.
+    if !planar && let Some(columns) = closed::inverse(rows) {
+        return Some(columns);
+    }
     match (rows.len() <= 4, planar) {
         (true, false) => inverse_columns::<4, 3>(rows, SPACE),
         (false, false) => inverse_columns::<MAX_CABLES, 3>(rows, SPACE),
@@ -84,6 +90,9 @@ fn inverse_columns<const N: usize, const D: usize>(
 /// The shortest x with A x = b for the 3 x n matrix A of these columns, or None if its rank is below three; in the
 /// plane, where y is ignored, below two.
 pub fn shortest(columns: &[Vector3<f64>], planar: bool, b: &Vector3<f64>) -> Option<CableVec> {
+    if !planar && let Some(shortest) = closed::shortest(columns, b) {
+        return Some(shortest);
+    }
     match (columns.len() <= 4, planar) {
         (true, false) => shortest_by_qr::<4, 3>(columns, SPACE, b),
         (false, false) => shortest_by_qr::<MAX_CABLES, 3>(columns, SPACE, b),
@@ -125,14 +134,14 @@ pub fn outer(a: &Vector3<f64>, b: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 /// Cholesky decomposition of a symmetric positive definite matrix.
-pub struct Cholesky {
+struct Cholesky {
     /// The lower triangle, by rows.
     l: [f64; 6],
 }
 
 impl Cholesky {
     /// None if a pivot is not positive.
-    pub fn decompose(m: &Matrix3<f64>) -> Option<Self> {
+    fn decompose(m: &Matrix3<f64>) -> Option<Self> {
         let l00 = positive_root(m[(0, 0)])?;
         let (l10, l20) = (m[(1, 0)] / l00, m[(2, 0)] / l00);
         let l11 = positive_root(m[(1, 1)] - l10 * l10)?;
@@ -142,7 +151,7 @@ impl Cholesky {
     }
 
     /// Solves the system with this right-hand side.
-    pub fn solve(&self, b: &Vector3<f64>) -> Vector3<f64> {
+    fn solve(&self, b: &Vector3<f64>) -> Vector3<f64> {
         let [l00, l10, l11, l20, l21, l22] = self.l;
         let y0 = b.x / l00;
         let y1 = (b.y - l10 * y0) / l11;
@@ -154,9 +163,69 @@ impl Cholesky {
     }
 }
 
-/// Solves a symmetric positive definite system by Cholesky decomposition; None if a pivot is not positive.
+/// Share of the cube of the mean diagonal entry below which a determinant is left to Cholesky's decomposition: there
+/// cofactors lose six digits.
+const LEAST_DETERMINANT: f64 = 1e-5;
+
+/// Inverse of a symmetric positive definite matrix.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SymmetricInverse {
+    /// xx, xy, xz, yy, yz, zz.
+    pub entries: [f64; 6],
+}
+
+impl SymmetricInverse {
+    /// None if a pivot is not positive.
+    pub fn of(m: &Matrix3<f64>) -> Option<Self> {
+        Self::by_cofactors(m).or_else(|| Self::by_cholesky(m))
+    }
+
+    /// One division, where decomposition and solution wait for three roots and nine divisions.
+    #[inline(always)]
+    fn by_cofactors(m: &Matrix3<f64>) -> Option<Self> {
+        let [xx, xy, xz, yy, yz, zz] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|place| m[place]);
+        let cofactors = [
+            yy * zz - yz * yz,
+            xz * yz - xy * zz,
+            xy * yz - xz * yy,
+            xx * zz - xz * xz,
+            xy * xz - xx * yz,
+            xx * yy - xy * xy,
+        ];
+        let determinant = xx * cofactors[0] + xy * cofactors[1] + xz * cofactors[2];
+        let mean = (xx + yy + zz) * (1.0 / 3.0);
+        // Also false for NaN.
+        let clearly = xx > 0.0 && cofactors[5] > 0.0 && determinant >= LEAST_DETERMINANT * (mean * mean * mean);
+        let per_determinant = 1.0 / determinant;
+        (clearly && per_determinant.is_normal()).then(|| Self { entries: cofactors.map(|c| c * per_determinant) })
+    }
+
+    fn by_cholesky(m: &Matrix3<f64>) -> Option<Self> {
+        let factor = Cholesky::decompose(m)?;
+        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| factor.solve(&axis));
+        Some(Self { entries: [x.x, x.y, x.z, y.y, y.z, z.z] })
+    }
+
+    /// The inverse as a matrix.
+    pub fn matrix(&self) -> Matrix3<f64> {
+        let [xx, xy, xz, yy, yz, zz] = self.entries;
+        Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+    }
+
+    /// Solves the system with this right-hand side.
+    #[inline(always)]
+    pub fn times(&self, b: &Vector3<f64>) -> Vector3<f64> {
+        let [xx, xy, xz, yy, yz, zz] = self.entries;
+        Vector3::new(xx * b.x + xy * b.y + xz * b.z, xy * b.x + yy * b.y + yz * b.z, xz * b.x + yz * b.y + zz * b.z)
+    }
+}
+
+/// Solves a symmetric positive definite system; None if a pivot of its decomposition is not positive.
 pub fn solve_spd(m: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
-    Cholesky::decompose(m).map(|factor| factor.solve(b))
+    match SymmetricInverse::by_cofactors(m) {
+        Some(inverse) => Some(inverse.times(b)),
+        None => Cholesky::decompose(m).map(|factor| factor.solve(b)),
+    }
 }
 
 fn positive_root(x: f64) -> Option<f64> {
@@ -164,7 +233,26 @@ fn positive_root(x: f64) -> Option<f64> {
     (x > 1e-290).then(|| x.sqrt())
 }
 
-/// Determinant of three columns.
-pub fn det3(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> f64 {
-    a.dot(&b.cross(c))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn cofactors_give_the_inverse_of_the_decomposition(
+            rows in proptest::array::uniform3([-1.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64].prop_map(Vector3::from)),
+            size in -6.0..6.0f64, shift in 0.0..1.0f64,
+        ) {
+            let root = Matrix3::from_columns(&rows);
+            let m = (root * root.transpose() + Matrix3::identity() * (shift * shift)) * libm::pow(10.0, size);
+            if let (Some(found), Some(expected)) = (SymmetricInverse::by_cofactors(&m), SymmetricInverse::by_cholesky(&m)) {
+                let (found, expected) = (found.matrix(), expected.matrix());
+                prop_assert!((found - expected).amax() <= 1e-10 * expected.amax(), "{found} {expected}");
+            }
+            // An even number of negative eigenvalues does not hide them.
+            let negative = outer(&rows[0], &rows[0]) * 3.0 - Matrix3::identity() * rows[0].norm_squared();
+            prop_assert!(SymmetricInverse::of(&negative).is_none(), "{negative}");
+        }
+    }
 }

@@ -21,6 +21,7 @@ use distribution::{TOLERANCE, check_limits, check_wrench};
 pub use hold::hold;
 
 use crate::kinematics::StructureMatrix;
+use crate::linalg::closed::{Four, null_vector};
 use crate::{CableVec, Robot, linalg};
 
 /// Tensions of a robot at a position with an acceleration: b = m (a + g), within the robot's limits.
@@ -101,11 +102,15 @@ pub fn distribute(
         }
         (_, Distribution::Unique) => return wrong("least-norm, min-sum or safest"),
         (4, _) if !structure.is_planar() => {
-            let line = FourCables::new(structure, wrench_n, limits_n)?;
+            let all = Line::new(structure, wrench_n)?;
             match method {
-                Distribution::MinSum => line.min_sum(),
-                Distribution::Safest => line.safest(),
-                _ => line.least_norm(),
+                Distribution::MinSum => FourCables::within(&all, limits_n)?.min_sum(),
+                Distribution::Safest => FourCables::within(&all, limits_n)?.safest(),
+                // Mostly the shortest of all solutions keeps the limits.
+                _ if all.particular_n.iter().all(|t| (limits_n[0]..=limits_n[1]).contains(t)) => {
+                    CableVec::from_array(all.particular_n)
+                }
+                _ => FourCables::within(&all, limits_n)?.least_norm(),
             }
         }
         _ => {
@@ -119,6 +124,29 @@ pub fn distribute(
 fn check_arguments(wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<(), TensionError> {
     check_limits(limits_n)?;
     check_wrench(wrench_n.as_slice())
+}
+
+/// All solutions of four cables: T = particular + λ null / |null|.
+struct Line {
+    /// The shortest solution, N.
+    particular_n: [f64; 4],
+    /// A null vector of the structure matrix, and its square.
+    null: [f64; 4],
+    square: f64,
+}
+
+impl Line {
+    fn new(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<Self, TensionError> {
+        let columns = structure.first_chunk().filter(|_| structure.len() == 4 && !structure.is_planar());
+        let (method, cables, accepted) = (Distribution::LeastNorm, structure.len(), "four cables in space");
+        let columns = columns.ok_or(TensionError::Method { method, cables, accepted })?;
+        if let Some(four) = Four::of(columns) {
+            return Ok(Self { particular_n: four.shortest(wrench_n), null: four.null, square: four.square });
+        }
+        let (null, found_n) = (null_vector(columns), least_norm_unbounded(structure, wrench_n)?);
+        let square = null.iter().map(|v| v * v).sum();
+        Ok(Self { particular_n: std::array::from_fn(|i| found_n[i]), null, square })
+    }
 }
 
 /// All solutions of four cables within their limits: T = particular + λ direction, low ≤ λ ≤ high.
@@ -138,19 +166,17 @@ pub struct FourCables {
 impl FourCables {
     /// Computes the line of solutions and the interval (34) within the limits.
     pub fn new(structure: &StructureMatrix, wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<Self, TensionError> {
-        if structure.len() != 4 || structure.is_planar() {
-            let method = Distribution::LeastNorm;
-            return Err(TensionError::Method { method, cables: structure.len(), accepted: "four cables in space" });
-        }
         check_arguments(wrench_n, limits_n)?;
-        let null = null_vector(structure);
-        let scale = 1.0 / null.norm_squared().sqrt();
-        let particular_n = least_norm_unbounded(structure, wrench_n)?;
-        let direction = null.map(|v| v * scale);
+        Self::within(&Line::new(structure, wrench_n)?, limits_n)
+    }
+
+    fn within(all: &Line, limits_n: [f64; 2]) -> Result<Self, TensionError> {
+        let (particular_n, per_length) = (all.particular_n, 1.0 / all.square.sqrt());
+        let direction = all.null.map(|v| v * per_length);
         let [min, max] = limits_n;
-        let scale = particular_n.max_abs().max(min).max(1.0);
+        let scale = particular_n.iter().fold(min.max(1.0), |most, t| most.max(t.abs()));
         let (mut low_n, mut high_n) = (f64::NEG_INFINITY, f64::INFINITY);
-        for (t, d) in particular_n.iter().zip(direction.iter()) {
+        for (t, d) in particular_n.iter().zip(&direction) {
             if d.abs() < 1e-12 {
                 // The tension of this cable does not depend on λ: it gives no bound, only a test.
                 if *t < min - TOLERANCE * scale || *t > max + TOLERANCE * scale {
@@ -167,6 +193,7 @@ impl FourCables {
             let middle = 0.5 * (low_n + high_n);
             (low_n, high_n) = (middle, middle);
         }
+        let (particular_n, direction) = (CableVec::from_array(particular_n), CableVec::from_array(direction));
         let line = Self { particular_n, direction, low_n, high_n, limits_n };
         // Also true for NaN.
         if !(low_n <= high_n) {
@@ -264,16 +291,6 @@ impl FourCables {
             limit_n: self.limits_n[0],
         })
     }
-}
-
-/// N_k = (-1)^k det(Λ without column k): ΛN = 0.
-fn null_vector(s: &StructureMatrix) -> CableVec {
-    CableVec::from_fn(4, |k| match k {
-        0 => linalg::det3(&s[1], &s[2], &s[3]),
-        1 => -linalg::det3(&s[0], &s[2], &s[3]),
-        2 => linalg::det3(&s[0], &s[1], &s[3]),
-        _ => -linalg::det3(&s[0], &s[1], &s[2]),
-    })
 }
 
 /// Least norm within limits for any number of cables (27), also of a planar robot.

@@ -1,7 +1,7 @@
 //! The recursion of the gain with a state weight, its steps doubled.
 
-use cable_robot::linalg::Cholesky;
-use nalgebra::{Matrix3, Vector3};
+use cable_robot::linalg::SymmetricInverse;
+use nalgebra::Matrix3;
 
 /// M after as many steps as the horizon; None if a matrix has no inverse. The step is M → ((Q + M)⁻¹ + S)⁻¹, and the
 /// first M is S⁻¹. The steps are doubled, so their number hardly costs.
@@ -82,8 +82,7 @@ pub(super) fn inverse_spd(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     }
     let unit = m / scale;
     // The determinant of a matrix with trace 1 is at most 1/27; this bound is a condition number of about 1e12.
-    let factor = Cholesky::decompose(&unit)?;
-    let inverse = Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(|e| factor.solve(&e)));
+    let inverse = SymmetricInverse::of(&unit)?.matrix();
     let largest = inverse.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-    (largest < 1e13).then(|| (inverse + inverse.transpose()) * (0.5 / scale))
+    (largest < 1e13).then(|| inverse * (1.0 / scale))
 }

@@ -1,7 +1,9 @@
 //! Tension distribution compared with oracles that share no code with it: the paper's elimination of one cable
 //! (28)-(36), a scan over the tension of the last cable, and Dykstra's alternating projections.
 
-use cable_robot::tension::{self, FourCables, TensionError, distribute, least_norm, unique};
+use cable_robot::kinematics::Jacobian;
+use cable_robot::tension::general::{self, GeneralStructure};
+use cable_robot::tension::{self, FourCables, TensionError, distribute, least_norm, least_norm_unbounded, unique};
 use cable_robot::{Anchors, CableVec, Distribution, Matrix3, StructureMatrix, Vector3};
 use proptest::prelude::*;
 
@@ -97,6 +99,36 @@ fn dykstra(s: &StructureMatrix, b: &Vector3<f64>, [min, max]: [f64; 2]) -> Vec<f
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// The general solver decomposes the matrix and searches the limits that act; the closed form does neither.
+    #[test]
+    fn four_cables_have_the_tensions_of_the_general_solver(
+        p in pose(), below in prop_oneof![Just(None), (-5.0..0.0f64).prop_map(Some)],
+        t in proptest::collection::vec(1.0..40.0f64, 4), high in prop_oneof![Just(41.0), Just(f64::INFINITY)],
+    ) {
+        // Also close below the plane of level anchors, where the closed form hands over.
+        let level = [[0.0, 0.0, 6.0], [10.4, 0.3, 6.0], [9.7, 8.9, 6.0], [-0.5, 9.4, 6.0]];
+        let (anchors, p) = match below {
+            None => (square(), p),
+            Some(log) => (Anchors::new(&level).unwrap(), Vector3::new(p.x, p.y, 6.0 - 10f64.powf(log))),
+        };
+        let jacobian = Jacobian::at(&anchors, &p).unwrap();
+        let s = jacobian.structure_matrix();
+        let (b, all) = (s.force(&t), GeneralStructure::from(&s));
+        let close = |found: &[f64], expected: &[f64]| {
+            let largest = expected.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+            found.iter().zip(expected).all(|(a, e)| (a - e).abs() <= 1e-9 * largest)
+        };
+        let found = distribute(&s, &b, [1.0, high], Distribution::LeastNorm).unwrap().tensions_n;
+        let expected = general::least_norm(&all, b.as_slice(), [1.0, high]).unwrap();
+        prop_assert!(close(&found, &expected), "{found:?} {expected:?}");
+        let (free, expected) = (least_norm_unbounded(&s, &b).unwrap(), all.least_norm_unbounded(b.as_slice()).unwrap());
+        prop_assert!(close(&free, &expected), "{free:?} {expected:?}");
+        let (inverse, expected) = (jacobian.node_jacobian().unwrap(), all.pseudo_inverse().unwrap());
+        let inverse: Vec<f64> = inverse.iter().flat_map(|column| (-column).iter().copied().collect::<Vec<_>>()).collect();
+        let expected: Vec<f64> = expected[..4].iter().flat_map(|row| row[..3].to_vec()).collect();
+        prop_assert!(close(&inverse, &expected), "{inverse:?} {expected:?}");
+    }
 
     #[test]
     fn four_cables_agree_with_the_papers_form_and_a_scan(p in pose(), b in wrench()) {
