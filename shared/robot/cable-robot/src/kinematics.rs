@@ -108,7 +108,10 @@ pub fn forward_kinematics(
     if anchors.have_pulleys() {
         return pulleys::forward_kinematics(anchors, lengths_m, near);
     }
-    least_squares(anchors, lengths_m, near)
+    least_squares(anchors, lengths_m, near, |start| {
+        let quick = newton::near(anchors, lengths_m, &start);
+        quick.map_or_else(|| descend(anchors, lengths_m, start), |found| found.position)
+    })
 }
 
 /// Computes the other position with these lengths, on the other side of the plane of the anchors from `position`, for
@@ -121,11 +124,16 @@ pub fn mirror_position(anchors: &Anchors, lengths_m: &[f64], position: &Vector3<
     forward_kinematics(anchors, lengths_m, Some(position)).ok()?.mirror
 }
 
-/// Least squares in length, from the best triple of cables and from its mirror image.
-fn least_squares(anchors: &Anchors, l: &[f64], near: Option<&Vector3<f64>>) -> Result<Forward, KinematicsError> {
+/// Least squares in length, found by `search` from the best triple of cables and from its mirror image.
+fn least_squares(
+    anchors: &Anchors,
+    l: &[f64],
+    near: Option<&Vector3<f64>>,
+    search: impl Fn(Vector3<f64>) -> Vector3<f64>,
+) -> Result<Forward, KinematicsError> {
     let n = anchors.len();
     let starts = best_pair(anchors, l).ok_or(KinematicsError::DegenerateGeometry)?;
-    let found = starts.map(|start| descend(anchors, l, start));
+    let found = starts.map(search);
     let rms = found.map(|p| (residuals(anchors, l, &p) / n as f64).sqrt());
     let fits_worse = |a: f64, b: f64| fits_worse(a, b, l);
     let position = match near {

@@ -259,7 +259,7 @@ impl Inverse {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{inverse_kinematics, least_squares, pulleys};
+    use super::super::{descend, inverse_kinematics, least_squares, pulleys};
     use super::*;
     use proptest::prelude::*;
 
@@ -299,7 +299,7 @@ mod tests {
             } else if exact {
                 super::super::forward_kinematics(&anchors, &lengths_m, Some(&hint)).unwrap()
             } else {
-                least_squares(&anchors, &lengths_m, Some(&hint)).unwrap()
+                least_squares(&anchors, &lengths_m, Some(&hint), |start| descend(&anchors, &lengths_m, start)).unwrap()
             };
             let gradient = |x: &Vector3<f64>| {
                 let mut gradient = Vector3::zeros();
