@@ -348,7 +348,7 @@ impl Controller {
         target: Option<&Target>,
         period_s: f64,
     ) -> Option<Answer> {
-        let config = self.config;
+        let config = &self.config;
         let n = config.robot.cable_count();
         if estimate.valid == 0 || usize::from(estimate.cable_count) != n {
             return None;

@@ -1,6 +1,7 @@
 //! The estimator: one step per cycle, from measured lengths to predicted lengths, position and tensions.
 
 use cable_robot::LengthErrors;
+use cable_robot::modes::stiffness_at_n_m;
 use cable_robot::{CableVec, Robot, Vector3, elastic};
 use config::EstimatorSection;
 use messages::{CABLES, Header, MotorAuthority, MotorState, NodeEstimate, same_life};
@@ -274,7 +275,7 @@ impl Estimator {
                 instant_ns: estimate.header.stamp_ns,
                 position_m: found.position,
                 velocity_m_s: velocity,
-                tensions_n: &found.tensions_n,
+                stiffness_n_m: stiffness_at_n_m(&self.config.robot, &found),
             },
         );
         let (robot, zero) = (&self.config.robot, self.zero.errors.as_ref());

@@ -21,15 +21,15 @@ const LONGEST_STEP_S: f64 = 0.2;
 const JUMP_M: f64 = 0.02;
 
 /// Position of rest of one cycle, and what holds the node there.
-pub(crate) struct Rest<'a> {
+pub(crate) struct Rest {
     /// Time of the readings, ns.
     pub instant_ns: u64,
     /// Where the forces balance, m.
     pub position_m: Vector3<f64>,
     /// Its velocity, m/s.
     pub velocity_m_s: Vector3<f64>,
-    /// Tensions of the cables, N.
-    pub tensions_n: &'a [f64],
+    /// Force per displacement of the node while the drums stand still, N/m; `None` for rigid cables.
+    pub stiffness_n_m: Option<Matrix3<f64>>,
 }
 
 /// Swing of one cycle.
@@ -70,8 +70,9 @@ impl SwingObserver {
 
     /// Integrates to this cycle, and returns the swing; none for rigid cables and where the cables do not hold the node
     /// in every direction.
-    pub(crate) fn step(&mut self, robot: &Robot, rest: &Rest<'_>) -> Swing {
-        let Some(modes) = Modes::at(robot, &rest.position_m, rest.tensions_n) else {
+    pub(crate) fn step(&mut self, robot: &Robot, rest: &Rest) -> Swing {
+        let modes = rest.stiffness_n_m.and_then(|stiffness| Modes::with_stiffness(robot, &stiffness));
+        let Some(modes) = modes else {
             self.forget();
             return Swing::NONE;
         };
@@ -90,7 +91,7 @@ impl SwingObserver {
     }
 
     /// Integrates by the midpoint rule, which keeps the energy of an undamped swing for any step.
-    fn integrate(&self, modes: &Modes, rest: &Rest<'_>) -> State {
+    fn integrate(&self, modes: &Modes, rest: &Rest) -> State {
         let at_rest = State {
             instant_ns: rest.instant_ns,
             rest_m: rest.position_m,
@@ -127,6 +128,7 @@ impl SwingObserver {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use cable_robot::modes::stiffness_n_m;
     use cable_robot::{RobotParts, elastic};
 
     const STEP_NS: u64 = 10_000_000;
@@ -154,12 +156,9 @@ mod tests {
         let step = |cycle: u64| {
             let time_s = cycle as f64 * 0.01;
             let velocity_m_s = direction * ((distance(time_s + 1e-6) - distance(time_s - 1e-6)) / 2e-6);
-            let rest = Rest {
-                instant_ns: cycle * STEP_NS,
-                position_m: start + direction * distance(time_s),
-                velocity_m_s,
-                tensions_n: &tensions.tensions_n,
-            };
+            let position_m = start + direction * distance(time_s);
+            let stiffness_n_m = stiffness_n_m(&robot, &position_m, &tensions.tensions_n);
+            let rest = Rest { instant_ns: cycle * STEP_NS, position_m, velocity_m_s, stiffness_n_m };
             observer.step(&robot, &rest)
         };
         (modes, (1..=(seconds * 100.0) as u64).map(step).collect())
@@ -198,7 +197,8 @@ mod tests {
         let mut at = |instant_ns, x_m| {
             let position_m = start + Vector3::new(x_m, 0.0, 0.0);
             let velocity_m_s = Vector3::zeros();
-            observer.step(&robot, &Rest { instant_ns, position_m, velocity_m_s, tensions_n: &tensions.tensions_n })
+            let stiffness_n_m = stiffness_n_m(&robot, &position_m, &tensions.tensions_n);
+            observer.step(&robot, &Rest { instant_ns, position_m, velocity_m_s, stiffness_n_m })
         };
         assert_eq!(at(STEP_NS, 0.0), Swing::NONE);
         assert!(at(2 * STEP_NS, 0.015).amplitude_m > 0.01);

@@ -4,10 +4,10 @@ use std::ops::{Deref, RangeInclusive};
 
 use nalgebra::Vector3;
 
-use crate::MAX_CABLES;
 use crate::kinematics::{COLLINEAR_TOLERANCE, Frame};
 use crate::pulley::{Both, CableGeometry, PairOfCables, Pulley, Tangents};
 use crate::robot_error::{FARTHEST_M, RobotError, refuse};
+use crate::{CableVec, MAX_CABLES};
 
 /// Key of the robot file.
 const KEY: &str = "anchors_m";
@@ -176,6 +176,15 @@ impl Anchors {
                 Both::from_cables(&[cable(0), cable(1)])
             }
         })
+    }
+
+    /// Lengths to a position if the wheels were wider by this, m; NaN inside a wheel.
+    pub(crate) fn lengths_with_wider_m(&self, position: &Vector3<f64>, wider_m: f64) -> CableVec {
+        let lengths_m = self.pairs().map(|pair| {
+            let radii_m = pair.radii_m.map(|radius_m| radius_m + wider_m);
+            Tangents::of(&PairOfCables { radii_m: &radii_m, ..pair }, position).lengths_m()
+        });
+        CableVec::from_pairs(self.len, lengths_m)
     }
 
     #[inline]

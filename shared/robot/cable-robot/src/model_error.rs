@@ -12,8 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::calibrated::{LengthGradient, RADIUS, SCALE};
 use crate::elastic::Equilibrium;
-use crate::modes::stiffness_n_m;
-use crate::pulley::Pulley;
+use crate::modes::{stiffness_at_n_m, stiffness_n_m};
 use crate::uncertainty::{COMMON, LengthErrors};
 use crate::{CableVec, NodeJacobian, Robot, Uncertainty, linalg, tension};
 
@@ -23,14 +22,25 @@ const RADIUS_STEP_M: f64 = 1e-4;
 impl Uncertainty {
     /// Computes the errors of the lengths at an equilibrium; zero for a cable without a direction there.
     pub fn length_errors(&self, robot: &Robot, at: &Equilibrium) -> LengthErrors {
-        self.length_errors_at(robot, &at.position, &at.tensions_n)
+        self.errors_with(robot, &at.position, &at.tensions_n, stiffness_at_n_m(robot, at))
     }
 
     /// The same with the node at a position, m, under these tensions, N.
     pub fn length_errors_at(&self, robot: &Robot, position: &Vector3<f64>, tensions_n: &CableVec) -> LengthErrors {
+        self.errors_with(robot, position, tensions_n, stiffness_n_m(robot, position, tensions_n))
+    }
+
+    fn errors_with(
+        &self,
+        robot: &Robot,
+        position: &Vector3<f64>,
+        tensions_n: &CableVec,
+        stiffness_n_m: Option<Matrix3<f64>>,
+    ) -> LengthErrors {
         let count = robot.cable_count();
         let mut errors = LengthErrors::none(count);
-        let yields_m = self.weight_shift_m(robot, position, tensions_n);
+        let yields_m = weight_shift_m(robot, stiffness_n_m);
+        let wider_m = robot.anchors().lengths_with_wider_m(position, RADIUS_STEP_M);
         for i in 0..count {
             let pulley = robot.anchors().pulley(i);
             let Ok(cable) = pulley.cable_to(position) else { continue };
@@ -39,7 +49,8 @@ impl Uncertainty {
             let level_sq = cable.direction.x * cable.direction.x + cable.direction.y * cable.direction.y;
             errors.directions[i] = cable.direction;
             errors.lengths_m[i] = cable.length_m;
-            errors.by_radius[i] = length_by_radius(&pulley, position);
+            let by_radius = (wider_m[i] - cable.length_m) / RADIUS_STEP_M;
+            errors.by_radius[i] = if by_radius.is_finite() { by_radius } else { 0.0 };
             errors.common_m[0][i] = self.stiffness * strain * total_m;
             errors.common_m[1][i] = self.node_weight * cable.direction.dot(&yields_m);
             errors.common_m[2][i] = self.expansion * total_m;
@@ -47,12 +58,6 @@ impl Uncertainty {
             errors.friction_m[i] = self.pulley_friction * strain * robot.routed_length_m()[i];
         }
         errors
-    }
-
-    /// Displacement of the node by its own weight while the drums stand still, m.
-    fn weight_shift_m(&self, robot: &Robot, position: &Vector3<f64>, tensions_n: &CableVec) -> Vector3<f64> {
-        let softness = stiffness_n_m(robot, position, tensions_n).and_then(|stiffness| stiffness.try_inverse());
-        softness.map_or_else(Vector3::zeros, |softness| softness * Vector3::new(0.0, 0.0, robot.net_weight_n()))
     }
 
     /// Covariance of the position of an equilibrium, m², with that of the robot's calibration. `zero`: the errors where
@@ -150,9 +155,8 @@ impl Robot {
     }
 }
 
-/// Change of the length from anchor to node with the radius of the pulley.
-fn length_by_radius(pulley: &Pulley, position: &Vector3<f64>) -> f64 {
-    let wider = Pulley { radius_m: pulley.radius_m + RADIUS_STEP_M, ..*pulley };
-    let change_m = wider.length_m(position) - pulley.length_m(position);
-    if change_m.is_finite() { change_m / RADIUS_STEP_M } else { 0.0 }
+/// Displacement of the node by its own weight while the drums stand still, m.
+fn weight_shift_m(robot: &Robot, stiffness_n_m: Option<Matrix3<f64>>) -> Vector3<f64> {
+    let softness = stiffness_n_m.and_then(|stiffness| stiffness.try_inverse());
+    softness.map_or_else(Vector3::zeros, |softness| softness * Vector3::new(0.0, 0.0, robot.net_weight_n()))
 }

@@ -5,14 +5,12 @@
 //! direction and C the curvature of its length (see [`crate::pulley`]). Drums stand still; cables have no mass and no
 //! damping. Angular frequencies are the square roots of the eigenvalues of K / m.
 
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::Robot;
-use crate::elastic::unstretched;
+use crate::elastic::{Equilibrium, unstretched};
 use crate::kinematics::inverse_kinematics;
-
-/// Bound of the steps to the eigenvalues, of which three rows and columns need about five.
-const EIGEN_STEPS: usize = 100;
+use crate::linalg::eigen::SymmetricEigen;
 
 /// One mode of vibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,12 +53,15 @@ impl Modes {
     /// Computes the modes at a position, m, with these tensions, N. None for rigid cables, at a position without
     /// directions, and where the cables do not hold the node in every direction.
     pub fn at(robot: &Robot, position: &Vector3<f64>, tensions_n: &[f64]) -> Option<Self> {
-        let stiffness = stiffness_n_m(robot, position, tensions_n)?;
-        let eigen = SymmetricEigen::try_new(stiffness / robot.node_mass_kg(), f64::EPSILON, EIGEN_STEPS)?;
-        let mut modes = [0, 1, 2].map(|i| Mode {
-            direction: eigen.eigenvectors.column(i).into(),
-            angular_rad_s: eigen.eigenvalues[i].max(0.0).sqrt(),
-        });
+        Self::with_stiffness(robot, &stiffness_n_m(robot, position, tensions_n)?)
+    }
+
+    /// Computes the modes of a node on cables of this stiffness, N/m. None where the cables do not hold it in every
+    /// direction.
+    pub fn with_stiffness(robot: &Robot, stiffness_n_m: &Matrix3<f64>) -> Option<Self> {
+        let eigen = SymmetricEigen::of(&(stiffness_n_m / robot.node_mass_kg()))?;
+        let mut modes =
+            [0, 1, 2].map(|i| Mode { direction: eigen.vectors[i], angular_rad_s: eigen.values[i].max(0.0).sqrt() });
         if robot.is_planar() {
             // The motion across the plane goes to the end.
             modes.sort_by(|a, b| a.direction.y.abs().total_cmp(&b.direction.y.abs()));
@@ -76,6 +77,11 @@ impl Modes {
         let [first, rest @ ..] = &self[..] else { return self.modes[0] };
         rest.iter().fold(*first, |most, mode| if swing_m(mode) > swing_m(&most) { *mode } else { most })
     }
+}
+
+/// [`stiffness_n_m`] at an equilibrium, which has it already if no cable is slack.
+pub fn stiffness_at_n_m(robot: &Robot, at: &Equilibrium) -> Option<Matrix3<f64>> {
+    if at.any_slack() { stiffness_n_m(robot, &at.position, &at.tensions_n) } else { at.stiffness_n_m }
 }
 
 /// Force per displacement of the node while the drums stand still, N/m. A cable with weight is softer than its stretch
