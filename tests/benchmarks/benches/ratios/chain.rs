@@ -38,9 +38,10 @@ pub fn run(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
 /// Kinematics and the paper's law alone.
 fn parts(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
     let mut group = criterion.benchmark_group("parts");
-    for (name, fk, lq, elastic_name) in
-        [("lab3", "fk3", "lq-endpoint, three", "elastic, three"), ("lab4", "fkN", "lq-endpoint, four", "elastic, four")]
-    {
+    for (name, fk, hinted, lq, elastic_name) in [
+        ("lab3", "fk3", "fk3 near", "lq-endpoint, three", "elastic, three"),
+        ("lab4", "fkN", "fkN near", "lq-endpoint, four", "elastic, four"),
+    ] {
         let robot = scenarios::robot(name)?;
         let anchors: &Anchors = robot.anchors();
         let mut random = Random(3);
@@ -61,6 +62,12 @@ fn parts(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
         }
         group.bench_function(fk, |bencher| {
             bencher.iter(|| lengths.iter().filter(|l| forward_kinematics(anchors, black_box(l), None).is_ok()).count());
+        });
+        group.bench_function(hinted, |bencher| {
+            bencher.iter(|| {
+                let both = lengths.iter().zip(&poses);
+                both.filter(|(l, at)| forward_kinematics(anchors, black_box(l), Some(&(*at + near))).is_ok()).count()
+            });
         });
         let paid_out: Vec<_> = poses
             .iter()
@@ -94,6 +101,7 @@ fn parts(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
             });
         });
         report.alone(&format!("position from lengths, {fk}"), ["parts", fk], POSES);
+        report.alone(&format!("position near that of the last cycle, {hinted}"), ["parts", hinted], POSES);
         report.alone(
             &format!("position and tensions of elastic lines, {elastic_name}"),
             ["parts", elastic_name],

@@ -10,6 +10,7 @@ mod zenoh_link;
 mod zmq_link;
 
 use anyhow::{Context, Result};
+use shared::Sizes;
 use std::path::Path;
 
 /// Size of a sample, bytes: that of `motor/state`.
@@ -36,6 +37,8 @@ pub enum Way {
     Nims,
     /// iceoryx2 with its listener, as in its examples.
     Iceoryx,
+    /// The same with the places and the buffers of the bus.
+    Sized,
     /// Samples of iceoryx2, and an eventfd that wakes.
     Doorbell,
     /// A datagram between sockets of this machine.
@@ -57,6 +60,7 @@ impl Way {
         (Way::Nothing, "the schedule alone"),
         (Way::Nims, "nims"),
         (Way::Iceoryx, "iceoryx2 with its listener"),
+        (Way::Sized, "iceoryx2 with the places of nims"),
         (Way::Doorbell, "iceoryx2 with an eventfd"),
         (Way::Datagram, "datagram"),
         #[cfg(feature = "zenoh")]
@@ -78,7 +82,8 @@ impl Way {
         Ok(match self {
             Way::Nothing => Box::new(plain::Nothing),
             Way::Nims => Box::new(shared::NimsSender::open(place)?),
-            Way::Iceoryx => Box::new(shared::IceoryxSender::open()?),
+            Way::Iceoryx => Box::new(shared::IceoryxSender::open(Sizes::Default)?),
+            Way::Sized => Box::new(shared::IceoryxSender::open(Sizes::OfNims)?),
             Way::Doorbell => Box::new(shared::DoorbellSender::open()?),
             Way::Datagram => Box::new(plain::DatagramSender::open(place)?),
             #[cfg(feature = "zenoh")]
@@ -95,7 +100,8 @@ impl Way {
         Ok(match self {
             Way::Nothing => Box::new(plain::Nothing),
             Way::Nims => Box::new(shared::NimsReceiver::open(place)?),
-            Way::Iceoryx => Box::new(shared::IceoryxReceiver::open()?),
+            Way::Iceoryx => Box::new(shared::IceoryxReceiver::open(Sizes::Default)?),
+            Way::Sized => Box::new(shared::IceoryxReceiver::open(Sizes::OfNims)?),
             Way::Doorbell => Box::new(shared::DoorbellReceiver::open()?),
             Way::Datagram => Box::new(plain::DatagramReceiver::open(place)?),
             #[cfg(feature = "zenoh")]

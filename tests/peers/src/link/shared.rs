@@ -7,11 +7,15 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as RawPublisher;
 use iceoryx2::port::subscriber::Subscriber as RawSubscriber;
-use iceoryx2::prelude::{LogLevel, Node, NodeBuilder, SignalHandlingMode, ipc, set_log_level};
+use iceoryx2::prelude::{LogLevel, Node, NodeBuilder, ServiceName, SignalHandlingMode, ipc, set_log_level};
+use iceoryx2::service::port_factory::event;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use messages::{Message, MotorState};
 use std::path::Path;
 
 const CHANNEL: &str = "motor/state";
+/// Most listeners of a channel of the bus.
+const EVENT_PLACES: usize = 64;
 
 fn joined(place: &Path, process: &str) -> Result<Bus> {
     // The folder of the measurement names the domain too.
@@ -70,14 +74,52 @@ fn node() -> Result<Node<ipc::Service>> {
     Ok(NodeBuilder::new().signal_handling_mode(SignalHandlingMode::Disabled).create::<ipc::Service>()?)
 }
 
+/// Places and buffers of a service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sizes {
+    /// Those of iceoryx2 without settings.
+    Default,
+    /// Those of the channel of the bus.
+    OfNims,
+}
+
+impl Sizes {
+    /// Name of a service that two measurements do not share.
+    fn service(self, what: &str) -> Result<ServiceName> {
+        // Sender and receiver have the same parent.
+        let parent = rustix::process::getppid().map_or(0, |parent| parent.as_raw_nonzero().get());
+        Ok(format!("{what}-{self:?}-{parent}").as_str().try_into()?)
+    }
+
+    fn samples(self, node: &Node<ipc::Service>, what: &str) -> Result<PortFactory<ipc::Service, [u8; BYTES], ()>> {
+        let mut builder = node.service_builder(&self.service(what)?).publish_subscribe::<[u8; BYTES]>();
+        if self == Self::OfNims {
+            let quality = messages::quality_for(CHANNEL, BYTES);
+            builder = builder
+                .subscriber_max_buffer_size(quality.buffer)
+                .history_size(quality.history)
+                .max_publishers(quality.publishers)
+                .max_subscribers(quality.subscribers)
+                .max_nodes(quality.nodes);
+        }
+        Ok(builder.open_or_create()?)
+    }
+
+    fn event(self, node: &Node<ipc::Service>, what: &str) -> Result<event::PortFactory<ipc::Service>> {
+        let builder = node.service_builder(&self.service(what)?).event();
+        let builder = if self == Self::OfNims { builder.max_listeners(EVENT_PLACES) } else { builder };
+        Ok(builder.open_or_create()?)
+    }
+}
+
 /// Samples of iceoryx2 alone.
 struct RawSender(Node<ipc::Service>, RawPublisher<ipc::Service, [u8; BYTES], ()>);
 
 impl RawSender {
-    fn open(service: &str) -> Result<Self> {
+    fn open(sizes: Sizes, service: &str) -> Result<Self> {
         let node = node()?;
-        let service = node.service_builder(&service.try_into()?).publish_subscribe::<[u8; BYTES]>().open_or_create()?;
-        Ok(Self(node, service.publisher_builder().create()?))
+        let port = sizes.samples(&node, service)?.publisher_builder().create()?;
+        Ok(Self(node, port))
     }
 
     fn send(&mut self, sent_ns: u64) -> Result<()> {
@@ -89,10 +131,10 @@ impl RawSender {
 struct RawReceiver(Node<ipc::Service>, RawSubscriber<ipc::Service, [u8; BYTES], ()>);
 
 impl RawReceiver {
-    fn open(service: &str) -> Result<Self> {
+    fn open(sizes: Sizes, service: &str) -> Result<Self> {
         let node = node()?;
-        let service = node.service_builder(&service.try_into()?).publish_subscribe::<[u8; BYTES]>().open_or_create()?;
-        Ok(Self(node, service.subscriber_builder().create()?))
+        let port = sizes.samples(&node, service)?.subscriber_builder().create()?;
+        Ok(Self(node, port))
     }
 
     fn receive(&mut self) -> Result<Option<u64>> {
@@ -100,21 +142,16 @@ impl RawReceiver {
     }
 }
 
-/// Name of a service that two measurements do not share.
-fn named(service: &str) -> String {
-    // Sender and receiver have the same parent.
-    let parent = rustix::process::getppid().map_or(0, |parent| parent.as_raw_nonzero().get());
-    format!("{service}-{parent}")
-}
+const LISTENED: &str = "listened";
+const DOORBELL: &str = "doorbell";
 
 pub struct IceoryxSender(RawSender, Notifier<ipc::Service>);
 
 impl IceoryxSender {
-    pub fn open() -> Result<Self> {
-        let sender = RawSender::open(&named("listened"))?;
-        let name = named("listened");
-        let event = sender.0.service_builder(&name.as_str().try_into()?).event().open_or_create()?;
-        Ok(Self(sender, event.notifier_builder().create()?))
+    pub fn open(sizes: Sizes) -> Result<Self> {
+        let sender = RawSender::open(sizes, LISTENED)?;
+        let notifier = sizes.event(&sender.0, LISTENED)?.notifier_builder().create()?;
+        Ok(Self(sender, notifier))
     }
 }
 
@@ -129,11 +166,10 @@ impl Sender for IceoryxSender {
 pub struct IceoryxReceiver(RawReceiver, Listener<ipc::Service>);
 
 impl IceoryxReceiver {
-    pub fn open() -> Result<Self> {
-        let receiver = RawReceiver::open(&named("listened"))?;
-        let name = named("listened");
-        let event = receiver.0.service_builder(&name.as_str().try_into()?).event().open_or_create()?;
-        Ok(Self(receiver, event.listener_builder().create()?))
+    pub fn open(sizes: Sizes) -> Result<Self> {
+        let receiver = RawReceiver::open(sizes, LISTENED)?;
+        let listener = sizes.event(&receiver.0, LISTENED)?.listener_builder().create()?;
+        Ok(Self(receiver, listener))
     }
 }
 
@@ -153,7 +189,7 @@ pub struct DoorbellSender(RawSender);
 
 impl DoorbellSender {
     pub fn open() -> Result<Self> {
-        Ok(Self(RawSender::open(&named("doorbell"))?))
+        Ok(Self(RawSender::open(Sizes::Default, DOORBELL)?))
     }
 }
 
@@ -170,7 +206,7 @@ pub struct DoorbellReceiver(RawReceiver);
 
 impl DoorbellReceiver {
     pub fn open() -> Result<Self> {
-        Ok(Self(RawReceiver::open(&named("doorbell"))?))
+        Ok(Self(RawReceiver::open(Sizes::Default, DOORBELL)?))
     }
 }
 
