@@ -114,8 +114,7 @@ pub struct Core {
     connections: BTreeMap<ClientId, Connection>,
     /// The calls that are being carried out.
     tickets: BTreeMap<Ticket, Asked>,
-    /// What ends a motion that was released before its request was answered.
-    ends: BTreeMap<Ticket, Box<OperatorRequest>>,
+    ends: holding::Ends,
     /// What motor-io did last.
     motion: Option<Motion>,
     /// It is observed.
@@ -143,7 +142,7 @@ impl Core {
             sensors: Sensors::default(),
             connections: BTreeMap::new(),
             tickets: BTreeMap::new(),
-            ends: BTreeMap::new(),
+            ends: holding::Ends::default(),
             motion: None,
             observed: false,
             now_ns: 0,
@@ -187,6 +186,7 @@ impl Core {
             }
             Event::Answered { ticket, reply } => self.answered(ticket, reply),
             Event::Stored { change, stored } => self.stored(*change, stored),
+            Event::Ending => self.release_all(),
             Event::Tick => {
                 let late = |one: &Connection| one.holder.is_none() && now_ns >= one.since_ns + HELLO_NS;
                 let late: Vec<_> =
@@ -201,6 +201,7 @@ impl Core {
             }
         }
         self.tell_seat(&seat);
+        self.guard();
         self.observe();
         std::mem::take(&mut self.actions)
     }
@@ -457,11 +458,7 @@ impl Core {
             Done::Answer(answer) => Some(&**answer),
             Done::Reply(..) => None,
         };
-        if let Some(end) = self.ends.remove(&ticket)
-            && answer.is_some_and(may_begin)
-        {
-            self.end(end);
-        }
+        self.end_answered(ticket, answer.is_some_and(may_begin));
         let Some(Asked { client, id, counts, begins }) = self.tickets.remove(&ticket) else { return };
         if begins && answer.is_some_and(|answer| answer.accepted == OperatorRequest::ACCEPTED) {
             // What was held and accepted before it has ended.

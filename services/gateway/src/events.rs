@@ -53,6 +53,8 @@ pub enum Event<'a> {
     Moved(Motion),
     /// Some time has passed.
     Tick,
+    /// The gateway ends: no held motion goes on without it.
+    Ending,
 }
 
 /// What motor-io does, of `motor/authority`.
@@ -112,6 +114,15 @@ pub enum Action {
         /// The request with its sender.
         request: Box<OperatorRequest>,
     },
+    /// Deposit with motor-io a request that it carries out unless this is repeated, or withdrawn, before.
+    Deposit {
+        /// When it is due, ns.
+        due_ns: u64,
+        /// The request with its sender.
+        request: Box<OperatorRequest>,
+    },
+    /// Withdraw what is deposited.
+    Withdraw,
     /// Start or stop a plug-in.
     Plugin {
         /// Its number.

@@ -6,7 +6,7 @@ use crate::hub::{Delivery, Hub};
 use crate::lane::{Lane, Waiting, failed, stops};
 use crate::outlet::{Delivered, Outlet, Published};
 use bus::estop::Attempt;
-use bus::{Bus, BusError, Domain, Participant};
+use bus::{Bus, BusError, Domain, Participant, deadman};
 use client::{ANSWER, MOTOR_IO, PLANNER, Running, SUPERVISOR};
 use gateway_protocol::{ChannelRow, MemoryFigures, RobotFacts};
 use messages::{OperatorRequest, RequestAnswer, put_sentence};
@@ -35,6 +35,7 @@ struct Joined {
     outlet: Option<Outlet>,
     /// Created first and dropped last of the two: the places reserved for a stop.
     lanes: BTreeMap<String, Lane>,
+    deadman: deadman::Sender,
     members: Bus,
     guests: Bus,
 }
@@ -292,6 +293,21 @@ impl Robot {
         Ok(())
     }
 
+    /// Deposits with motor-io what it does at that instant unless this is called again before. Where no motor-io reads
+    /// it, nothing moves.
+    pub(crate) fn deposit(&self, due_ns: u64, request: &OperatorRequest) {
+        if let Some(joined) = &self.joined {
+            joined.deadman.deposit(joined.guests.domain(), request, due_ns);
+        }
+    }
+
+    /// Withdraws what is deposited.
+    pub(crate) fn withdraw(&self) {
+        if let Some(joined) = &self.joined {
+            joined.deadman.withdraw(joined.guests.domain());
+        }
+    }
+
     /// Returns the answers that have arrived.
     pub(crate) fn answers(
         &mut self,
@@ -361,7 +377,7 @@ impl Joined {
         // Lanes to other processes are made when they are asked for, while stops may come.
         members.set_patience(Duration::ZERO);
         let guests = Bus::join_as(domain, NAME, Participant::Guest)?;
-        Ok(Self { supervisor, outlet: None, lanes, members, guests })
+        Ok(Self { supervisor, outlet: None, lanes, deadman: deadman::Sender::new()?, members, guests })
     }
 }
 

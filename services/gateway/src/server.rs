@@ -12,7 +12,7 @@ use crate::roles::Roles;
 use crate::settings::Settings;
 use crate::tokens::Tokens;
 use crate::{socket, users};
-use bus::clock::now_ns;
+use bus::clock::{now_ns, sleep_until};
 use command::{Answer, Failure, StopFlag};
 use gateway_protocol::{ChannelRow, Reply, RobotFacts, encode};
 use messages::{Message, MotorAuthority, OperatorRequest, RequestAnswer, text_of};
@@ -124,6 +124,16 @@ impl Server {
         for name in std::mem::take(&mut self.started) {
             self.plugin(0, name, Verb::Start);
         }
+        let served = self.serve(stop);
+        self.end_held();
+        // Another gateway may have put its own socket there.
+        if self.bound.is_some() && socket::identity(&self.path) == self.bound {
+            let _ = std::fs::remove_file(&self.path);
+        }
+        served
+    }
+
+    fn serve(&mut self, stop: &StopFlag) -> Answer {
         while !stop.load(Ordering::Relaxed) {
             self.wait()?;
             if let Some(sentence) = self.robot.look(now_ns()) {
@@ -138,11 +148,19 @@ impl Server {
             self.carry_out(actions);
             self.send_and_close();
         }
-        // Another gateway may have put its own socket there.
-        if self.bound.is_some() && socket::identity(&self.path) == self.bound {
-            let _ = std::fs::remove_file(&self.path);
-        }
         Ok(())
+    }
+
+    /// Ends the motions that clients hold, and waits until motor-io has answered. What it does not answer in time, and
+    /// what a gateway leaves that is killed, motor-io ends by itself.
+    fn end_held(&mut self) {
+        let give_up_ns = now_ns() + FAREWELL_NS;
+        let actions = self.core.step(now_ns(), Event::Ending);
+        self.carry_out(actions);
+        while self.core.is_ending() && now_ns() < give_up_ns {
+            self.robot_answers();
+            sleep_until(now_ns() + BUSY_NS);
+        }
     }
 
     /// Waits for a client or for the next look at the robot; accepts and reads.
@@ -245,6 +263,8 @@ impl Server {
                         self.answer(ticket, answer);
                     }
                 }
+                Action::Deposit { due_ns, request } => self.robot.deposit(due_ns, &request),
+                Action::Withdraw => self.robot.withdraw(),
                 Action::Plugin { ticket, verb, name } => self.plugin(ticket, name, verb),
                 Action::Publish { ticket, sensor, reading } => {
                     self.publish(ticket, Delivered::Reading(sensor, reading));

@@ -200,7 +200,7 @@ fn what_is_old_begins_nothing_and_holds_nothing() {
     assert!(!core.is_held());
     // A young one begins, and its age counts.
     let begun = sent(&mut core, 1, ms(300), &held(ms(100)));
-    let Some(Action::Ask { ticket, .. }) = begun.first() else { panic!("{begun:?}") };
+    let Some(Action::Ask { ticket, .. }) = begun.get(1) else { panic!("{begun:?}") };
     answered(&mut core, ms(301), *ticket, accepted());
     let beat = |at_ns| Call::Beat { at_ns: Some(at_ns) };
     // Signs that come late, or from the future, extend nothing beyond their instant.
@@ -229,4 +229,78 @@ fn what_motor_io_does_is_observed_while_a_client_that_held_is_there() {
         |actions: Vec<Action>| actions.iter().any(|one| matches!(one, Action::Unsubscribe { client: NO_CLIENT, .. }));
     assert!(!ended(core.step(ms(1), Event::Gone { client: 1 })));
     assert!(ended(core.step(ms(2), Event::Gone { client: 2 })));
+}
+
+/// What is done about the deposit with motor-io, with the instant at which it is due; `None`: it is withdrawn.
+fn deposits(actions: &[Action]) -> Vec<Option<(u8, u64)>> {
+    let of = |action: &Action| match action {
+        Action::Deposit { due_ns, request } => Some(Some((request.body.verb, *due_ns))),
+        Action::Withdraw => Some(None),
+        _ => None,
+    };
+    actions.iter().filter_map(of).collect()
+}
+
+#[test]
+fn what_ends_a_held_motion_is_deposited_before_it_begins_and_until_its_end_is_answered() {
+    for (request, end) in [(jog(), RequestBody::VERB_HOLD), (go(), RequestBody::VERB_STOP)] {
+        let mut core = core();
+        let ask = Call::Ask { id: 1, request, process: None, held: true, at_ns: None };
+        let asked = sent(&mut core, 1, ms(0), &ask);
+        let [Action::Deposit { .. }, Action::Ask { ticket, .. }, ..] = asked[..] else { panic!("{asked:?}") };
+        assert_eq!(deposits(&asked), [Some((end, ms(300)))]);
+        // It is renewed while the client sends signs, so that it is never due before.
+        let (mut due_ns, mut renewals) = (ms(300), 0);
+        answered(&mut core, ms(1), ticket, accepted());
+        for at in (20..2000).step_by(20) {
+            let mut actions = sent(&mut core, 1, ms(at), &Call::Beat { at_ns: None });
+            actions.extend(core.step(ms(at), Event::Tick));
+            for deposit in deposits(&actions) {
+                let (verb, then_ns) = deposit.expect("the motion goes on");
+                assert_eq!((verb, then_ns), (end, ms(at) + 300_000_000));
+                (due_ns, renewals) = (then_ns, renewals + 1);
+            }
+            assert!(due_ns > ms(at) + 200_000_000, "{at}");
+        }
+        assert!((20..=50).contains(&renewals), "{renewals}");
+        // Its end is sent; the deposit stays until that is answered, and is not renewed.
+        let released = sent(&mut core, 1, ms(2000), &Call::Release { id: 2 });
+        let Some(Action::Ask { ticket, .. }) = released.iter().find(|one| matches!(one, Action::Ask { .. })) else {
+            panic!("{released:?}")
+        };
+        assert!(deposits(&released).is_empty() && deposits(&core.step(ms(2100), Event::Tick)).is_empty());
+        assert!(core.is_ending());
+        assert_eq!(deposits(&answered(&mut core, ms(2101), *ticket, accepted())), [None]);
+        assert!(!core.is_ending() && deposits(&core.step(ms(2400), Event::Tick)).is_empty());
+    }
+}
+
+#[test]
+fn a_deposit_never_stops_the_motion_of_another_client() {
+    let mut core = core();
+    // So that motor-io is observed.
+    let first = asked(&mut core, 1, jog(), true, ms(0));
+    assert_eq!(deposits(&answered(&mut core, ms(1), first, Reason::RobotMoves.answer())), [None]);
+    moved(&mut core, ms(10), MotorAuthority::MODE_FOLLOWING, 3);
+    let ask = Call::Ask { id: 1, request: go(), process: None, held: true, at_ns: None };
+    assert!(deposits(&sent(&mut core, 1, ms(20), &ask)).is_empty());
+    assert!(deposits(&core.step(ms(80), Event::Tick)).is_empty());
+    // Its own motion is under way before the answer has come.
+    moved(&mut core, ms(500), MotorAuthority::MODE_HOLDING, 0);
+    assert_eq!(deposits(&sent(&mut core, 2, ms(510), &ask)), [Some((RequestBody::VERB_STOP, ms(810)))]);
+    moved(&mut core, ms(520), MotorAuthority::MODE_FOLLOWING, 4);
+    assert_eq!(deposits(&core.step(ms(570), Event::Tick)), [Some((RequestBody::VERB_STOP, ms(870)))]);
+}
+
+#[test]
+fn a_gateway_that_ends_ends_what_is_held() {
+    let mut core = core();
+    let jogs = asked(&mut core, 1, jog(), true, ms(0));
+    answered(&mut core, ms(1), jogs, accepted());
+    let ending = core.step(ms(10), Event::Ending);
+    assert_eq!(ends(&ending), [(RequestBody::VERB_HOLD, "ada".to_owned())]);
+    let Some(Action::Ask { ticket, .. }) = ending.first() else { panic!("{ending:?}") };
+    assert!(core.is_ending() && !core.is_held());
+    answered(&mut core, ms(20), *ticket, accepted());
+    assert!(!core.is_ending());
 }

@@ -1,5 +1,6 @@
 //! The process: core, drives and bus, connected once per period.
 
+use crate::answer::Answer;
 use crate::core::{Core, Observation};
 use crate::drives::Drives;
 use crate::inbox::Inbox;
@@ -8,11 +9,11 @@ use crate::odometry::Position;
 use crate::position::{PositionFile, PositionWriter};
 use crate::settings::{CoreConfig, SecondEncoders};
 use bus::clock::{Pacer, SECOND_NS, Tick, now_ns};
-use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, Waiter, estop};
+use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, Waiter, deadman, estop};
 use config::{MotorIoSection, RobotFile, SystemFile};
 use messages::{
     CABLES, DecodeError, Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
-    NodeEstimate, PlanMotion, Request, RequestBody, SLOT_NAMES,
+    NodeEstimate, OperatorRequest, PlanMotion, Request, RequestBody, SLOT_NAMES,
 };
 use robot_state::answers::detail;
 use robot_state::sentences::{fault_sentences, faults_of, mode_sentence};
@@ -192,6 +193,7 @@ struct Process {
     ports: Ports,
     server: Server,
     emergency: estop::Receiver,
+    deadman: deadman::Receiver,
     waiter: Waiter,
     reporter: Reporter,
     life: u64,
@@ -232,6 +234,7 @@ impl Process {
             ports: Ports::open(bus)?,
             server: bus.server(chassis.name())?,
             emergency: estop::Receiver::open(bus.domain())?,
+            deadman: deadman::Receiver::open(bus.domain())?,
             waiter: bus.waiter(&["motor/command/a", "motor/command/b"])?,
             reporter: Reporter::default(),
             life,
@@ -263,10 +266,14 @@ impl Process {
 
     /// Decides, exchanges with the drives, publishes and answers requests.
     fn cycle(&mut self, cycle: u64, tick: &Tick) -> Observation {
-        let Self { core, inbox, drives, ports, server, emergency, reporter, limits, .. } = self;
+        let Self { core, inbox, drives, ports, server, emergency, deadman, reporter, limits, .. } = self;
         let stops = emergency.receive();
         if let Some(first) = stops.first() {
             inbox.emergency(stops.len(), &first.request);
+        }
+        let overdue = deadman.overdue();
+        if let Some(request) = &overdue {
+            inbox.request_made(request.id, &request.body, request.header.stamp_ns);
         }
         let call = ports.gather(core.motion(), inbox, server, reporter);
         let begin_ns = now_ns();
@@ -284,6 +291,7 @@ impl Process {
         self.published_ns = now_ns();
         answer(call, core, drives.connection_error(), reporter);
         answer_stops(&stops, emergency, server, core, reporter);
+        record_overdue(overdue.as_ref(), server, core, reporter);
         if self.ready || cycle > self.patience {
             reporter.report(&observation.authority);
             // Last: during start-up, the reported errors show what is still missing.
@@ -461,6 +469,15 @@ fn answer_stops(
         info!("emergency stop of process {}: {}", stop.request.pid, answer.reason);
         reporter.bus(server.record(&stop.request, &recorded));
     }
+}
+
+/// Records a dead-man stop with its answer.
+fn record_overdue(overdue: Option<&OperatorRequest>, server: &mut Server, core: &Core, reporter: &mut Reporter) {
+    let Some(request) = overdue else { return };
+    let made = |answer: &&Answer| answer.id == request.id && answer.verb == request.body.verb;
+    let Some(answer) = core.answers().iter().find(made) else { return };
+    warn!("the sender of a dead-man stop is silent: {}", answer.reason);
+    reporter.bus(server.record(request, &answer.reason.answer()));
 }
 
 /// Logs changes once, and bus errors at most once a second: a sample that could not be published is no reason

@@ -6,6 +6,7 @@
 #[path = "../live/robot/mod.rs"]
 mod robot;
 
+mod held;
 mod hostile;
 mod own_messages;
 mod python;

@@ -1,12 +1,34 @@
 //! Held motions of clients: when they end, and what ends them.
 
-use super::{Asked, Core, NO_CLIENT, OBSERVED};
-use crate::events::{Action, ClientId};
-use crate::held::Held;
-use messages::OperatorRequest;
+use super::{Asked, Connection, Core, NO_CLIENT, OBSERVED};
+use crate::events::{Action, ClientId, Motion, Ticket};
+use crate::held::{Held, SILENT_NS};
+use messages::{OperatorRequest, Request};
 
 /// Time for which it counts what motor-io has published, ns.
 const SEEN_NS: u64 = 300_000_000;
+/// Time after which a dead-man stop is renewed, ns: several times before it is due.
+const RENEW_NS: u64 = SILENT_NS / 6;
+
+/// The ends of held motions that are under way, also for the case that this gateway does not come to them.
+#[derive(Debug, Default)]
+pub(super) struct Ends {
+    /// What ends a motion that was released before its request was answered, by the call that requested it.
+    after: std::collections::BTreeMap<Ticket, Box<OperatorRequest>>,
+    /// What was sent to end a motion and has no answer.
+    unanswered: std::collections::BTreeSet<Ticket>,
+    /// The held motion for which a dead-man stop is deposited, and when that is renewed, ns.
+    deposited: Option<(Ticket, u64)>,
+}
+
+impl Connection {
+    /// The request that ends the held motion, in the name of its client.
+    fn end(&self, held: &Held) -> Option<Box<OperatorRequest>> {
+        let (holder, mut sample) = (self.holder.as_ref()?, held.end.encode().ok()?);
+        holder.sign(&mut sample, &self.peer);
+        Some(Box::new(sample))
+    }
+}
 
 impl Core {
     /// Stores the held motion of a client.
@@ -33,31 +55,85 @@ impl Core {
         });
     }
 
+    /// Whether a motion is under way, by what motor-io has published lately.
+    fn moves(&self) -> bool {
+        let seen = self.motion.filter(|motion| motion.stamp_ns.saturating_add(SEEN_NS) > self.now_ns);
+        seen.and_then(Motion::under_way).is_some()
+    }
+
     /// Ends the held motion of a client, in its name.
     pub(super) fn release(&mut self, client: ClientId) {
         let Some(connection) = self.connections.get_mut(&client) else { return };
-        let (Some(held), Some(holder)) = (connection.held.take(), connection.holder.clone()) else { return };
-        let (peer, Ok(mut sample)) = (&connection.peer, held.end.encode()) else { return };
-        holder.sign(&mut sample, peer);
-        let seen = self.motion.filter(|motion| motion.stamp_ns.saturating_add(SEEN_NS) > self.now_ns);
-        if held.is_asked() && seen.is_some_and(|motion| motion.under_way().is_some()) {
+        let Some(held) = connection.held.take() else { return };
+        let Some(end) = connection.end(&held) else { return };
+        if held.is_asked() && self.moves() {
             // The motion under way is that of another client, and the planner refuses a second one. Only if it does
             // not, there is something to end.
-            self.ends.insert(held.ticket, Box::new(sample));
+            self.ends.after.insert(held.ticket, end);
             return;
         }
-        self.end(Box::new(sample));
+        self.end(end);
     }
 
-    pub(super) fn end(&mut self, request: Box<OperatorRequest>) {
+    /// Ends all held motions: the gateway itself ends.
+    pub(super) fn release_all(&mut self) {
+        let clients: Vec<ClientId> = self.connections.keys().copied().collect();
+        clients.into_iter().for_each(|client| self.release(client));
+    }
+
+    fn end(&mut self, request: Box<OperatorRequest>) {
         // The client may be gone, and waits for no answer.
         let ticket = self.ticket_of(Asked { client: NO_CLIENT, id: 0, counts: false, begins: false });
+        self.ends.unanswered.insert(ticket);
         self.actions.push(Action::Ask { ticket, process: client::MOTOR_IO.to_owned(), request, mission: None });
+    }
+
+    /// Takes the answer to a call. `begins`: a motion may follow from it.
+    pub(super) fn end_answered(&mut self, ticket: Ticket, begins: bool) {
+        self.ends.unanswered.remove(&ticket);
+        if let Some(end) = self.ends.after.remove(&ticket)
+            && begins
+        {
+            self.end(end);
+        }
+    }
+
+    /// Deposits with motor-io what ends the held motion if this gateway ends or hangs: before the motion begins, and
+    /// again and again until it is over. Only one motion can be under way, so one deposit is enough.
+    pub(super) fn guard(&mut self) {
+        let deposited = self.ends.deposited;
+        let is_deposited = |held: &Held| deposited.is_some_and(|(ticket, _)| ticket == held.ticket);
+        let moves = self.moves();
+        // A motion under way that was there before the request is that of another client, and goes on.
+        let guards = |held: &&Held| !held.is_asked() || !moves || is_deposited(held);
+        let held = self.connections.values().filter_map(|one| Some((one, one.held.as_ref().filter(guards)?)));
+        let newest = held.max_by_key(|(_, held)| (held.end == Request::Stop, held.ticket));
+        match newest.and_then(|(one, held)| Some((held.ticket, one.end(held)?))) {
+            Some((ticket, request)) => {
+                if deposited.is_none_or(|(of, renew_ns)| of != ticket || self.now_ns >= renew_ns) {
+                    self.ends.deposited = Some((ticket, self.now_ns + RENEW_NS));
+                    // First, so that it is there before the motion.
+                    self.actions.insert(0, Action::Deposit { due_ns: self.now_ns + SILENT_NS, request });
+                }
+            }
+            // It stays until the end of the motion is answered.
+            None if deposited.is_some() && self.ends.unanswered.is_empty() => {
+                self.ends.deposited = None;
+                self.actions.push(Action::Withdraw);
+            }
+            None => {}
+        }
     }
 
     /// Whether a held motion may have to be ended soon.
     #[must_use]
     pub fn is_held(&self) -> bool {
         self.connections.values().any(|one| one.held.is_some())
+    }
+
+    /// Whether the end of a held motion has no answer.
+    #[must_use]
+    pub fn is_ending(&self) -> bool {
+        !self.ends.unanswered.is_empty() || !self.ends.after.is_empty()
     }
 }

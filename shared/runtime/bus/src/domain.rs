@@ -33,13 +33,15 @@ const ENDED_PUBLISHERS: usize = 32;
 pub(crate) const CLAIM_FILE: &str = "owner";
 /// The socket of motor-io for emergency stops.
 pub(crate) const ESTOP_SOCKET: &str = "estop";
+/// The socket of motor-io for dead-man stops.
+pub(crate) const DEADMAN_SOCKET: &str = "deadman";
 /// Marks a folder given by the user as that of a domain; nothing is removed from a folder without it.
 const MARKER_FILE: &str = ".nims-domain";
 /// File with the path of the socket of the robot's gateway.
 const GATEWAY_FILE: &str = "gateway.txt";
-/// Files of the supervisor and of the gateway (a trailing `.new` marks one that is being written), and the socket of
+/// Files of the supervisor and of the gateway (a trailing `.new` marks one that is being written), and the sockets of
 /// motor-io.
-const OWN_FILES: [&str; 9] = [
+const OWN_FILES: [&str; 10] = [
     "children.json",
     "children.json.new",
     "running.json",
@@ -49,6 +51,7 @@ const OWN_FILES: [&str; 9] = [
     GATEWAY_FILE,
     "gateway.txt.new",
     ESTOP_SOCKET,
+    DEADMAN_SOCKET,
 ];
 /// Ending of the file that a virtual motor box stores for each of its ports (`LeftOut` of the crate `serial`). It
 /// remains if the virtual motor box is killed.

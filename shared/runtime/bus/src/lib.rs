@@ -9,8 +9,8 @@
 //! * Ports stay in the thread that created them. After creation, receiving and waiting do not allocate; sending
 //!   allocates and frees one counter of fixed size, inside iceoryx2.
 //! * A created object has all its memory: no later page fault ends a process because /dev/shm is full ([`Memory`]).
-//! * Observers leave places to control processes ([`Participant`]); an emergency stop needs no place at all
-//!   ([`estop`]).
+//! * Observers leave places to control processes ([`Participant`]); an emergency stop ([`estop`]) and a dead-man stop
+//!   ([`deadman`]) need no place at all.
 //! * Only the user who runs a domain can access its objects.
 //! * The next `send` or `receive` connects to a new peer, which costs about 0.1 ms once.
 //!
@@ -36,6 +36,7 @@
 mod admission;
 mod blob;
 pub mod clock;
+pub mod deadman;
 mod declared;
 mod definition;
 mod domain;
