@@ -10,6 +10,7 @@ use crate::budget::Budget;
 use crate::codes::Codes;
 pub use crate::events::{Action, ClientId, Done, Event, Motion, OwnMessage, Question, Ticket, TokenChange};
 use crate::held::{Held, begins, end_of, is_old, may_begin};
+use crate::lane::is_stop;
 use crate::plugin::Verb;
 use crate::roles::{Peer, Role, Roles, deed, needed, requester};
 use crate::seat::Seat;
@@ -35,6 +36,9 @@ pub const SUBSCRIPTIONS: usize = 64;
 /// Calls of a connection per second, and in a burst; stops pass beyond them.
 const CALLS_PER_S: f64 = 100.0;
 const BURST: f64 = 200.0;
+/// Marks per second, and in a burst, of all connections that may not fly.
+const MARKS_PER_S: f64 = 1.0;
+const MARKS: f64 = 5.0;
 /// Files that a connection may open per second, and in a burst.
 const OPENS_PER_S: f64 = 10.0;
 /// Stands for the gateway itself among the clients, which count from 1.
@@ -123,6 +127,7 @@ pub struct Core {
     /// Since when a motion has run without a person who may fly, ns.
     alone_ns: Option<u64>,
     seat: Seat,
+    marks: Budget,
     codes: Codes,
     last_ticket: Ticket,
     /// A change of the tokens is being stored.
@@ -148,6 +153,7 @@ impl Core {
             now_ns: 0,
             alone_ns: None,
             seat: Seat::default(),
+            marks: Budget::new(MARKS_PER_S, MARKS, 0),
             codes: Codes::default(),
             last_ticket: 0,
             changing: false,
@@ -263,7 +269,7 @@ impl Core {
         let (within, unanswered) = (connection.budget.spend(now_ns), connection.unanswered);
         match call {
             Call::Ask { request, process, held, at_ns, .. } => {
-                let urgent = needed(&request) == Role::Stop;
+                let urgent = is_stop(request.verb());
                 if !urgent && (!within || unanswered >= UNANSWERED) {
                     return self.refuse(client, id, Reason::GatewayBusy { most: UNANSWERED });
                 }
@@ -344,6 +350,10 @@ impl Core {
                 },
             );
         }
+        // Everyone who opens a page may mark the run, but not fill it, nor the queue of the supervisor.
+        if matches!(request, Request::Mark { .. }) && holder.role <= Role::Stop && !self.marks.spend(self.now_ns) {
+            return self.refuse(client, id, Reason::GatewayBusy { most: MARKS as usize });
+        }
         if needs >= Role::Fly
             && holder.origin == Origin::Page
             && let Err(reason) = self.seat.request(&holder.user)
@@ -376,7 +386,7 @@ impl Core {
             Err(error) => return self.refuse(client, id, Reason::NotAsked { why: detail(error) }),
         };
         holder.sign(&mut sample, peer);
-        let counts = needs != Role::Stop;
+        let counts = !is_stop(sample.body.verb);
         connection.unanswered += usize::from(counts);
         let ticket = self.ticket_of(Asked { client, id, counts, begins: begins(&request) });
         let request = Box::new(sample);

@@ -51,8 +51,13 @@ impl Waiting {
 
 /// Returns whether a request only ever stops the robot.
 pub(crate) fn stops(request: &OperatorRequest) -> bool {
+    is_stop(request.body.verb)
+}
+
+/// Returns whether a verb only ever stops the robot. Such requests pass beyond the limits of calls.
+pub(crate) fn is_stop(verb: u8) -> bool {
     use messages::RequestBody as Body;
-    [Body::VERB_HOLD, Body::VERB_STOP, Body::VERB_PAUSE, Body::VERB_ESTOP].contains(&request.body.verb)
+    [Body::VERB_HOLD, Body::VERB_STOP, Body::VERB_PAUSE, Body::VERB_ESTOP].contains(&verb)
 }
 
 impl Lane {

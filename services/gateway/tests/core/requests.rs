@@ -136,7 +136,8 @@ fn a_held_motion_ends_with_its_signs_its_release_and_its_connection() {
 fn held(core: &mut Core, request: &Request, now_ns: u64) -> Ticket {
     let call = framed(&Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None }, &[]);
     let actions = core.step(now_ns, Event::Received { client: 1, bytes: &call });
-    let Some(Action::Ask { ticket, .. }) = actions.first() else { panic!("{actions:?}") };
+    // What ends it is deposited before.
+    let [Action::Deposit { .. }, Action::Ask { ticket, .. }, ..] = &actions[..] else { panic!("{actions:?}") };
     *ticket
 }
 
@@ -155,6 +156,41 @@ fn a_mission_is_flown_only_with_its_text() {
     }
     let actions = run(&mut core, b"name = \"low\"");
     assert!(matches!(&actions[..], [Action::Ask { mission: Some(text), .. }] if text == "name = \"low\""));
+}
+
+#[test]
+fn marks_keep_within_the_limits_of_calls_and_those_of_strangers_are_few() {
+    let mark = |core: &mut Core, client, now_ns| {
+        let bytes = ask(9, Request::Mark { text: "x".to_owned() });
+        core.step(now_ns, Event::Received { client, bytes: &bytes })
+    };
+    // Who may fly: as many as calls may wait.
+    let mut core = core();
+    connected(&mut core, 1, "ada");
+    let sent = (0..300).filter(|_| matches!(mark(&mut core, 1, 0)[..], [Action::Ask { .. }])).count();
+    assert_eq!(sent, UNANSWERED);
+    // Who may only stop: a few of all connections, however many they are, and then one a second.
+    let mut core = crate::core();
+    let mut sent = |now_ns| {
+        let mut tickets = Vec::new();
+        for client in 1..=20 {
+            if now_ns == 0 {
+                connected(&mut core, client, "bob");
+            }
+            for _ in 0..20 {
+                match &mark(&mut core, client, now_ns)[..] {
+                    [Action::Ask { ticket, .. }] => tickets.push(*ticket),
+                    refused => assert_eq!(reason(refused), 453),
+                }
+            }
+        }
+        let count = tickets.len();
+        for ticket in tickets {
+            core.step(now_ns, Event::Answered { ticket, reply: Done::Answer(Box::default()) });
+        }
+        count
+    };
+    assert_eq!((sent(0), sent(SECOND), sent(100 * SECOND)), (5, 1, 5));
 }
 
 #[test]
