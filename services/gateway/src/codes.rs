@@ -1,19 +1,27 @@
-//! Codes for pairing: short, for one use and ten minutes, and closed for a time after failures.
+//! Codes for pairing: short, for one use and ten minutes, and closed for a time to an address that fails.
 
+use crate::budget::Budget;
 use robot_state::Reason;
 use sha2::{Digest, Sha256};
+use std::net::{IpAddr, Ipv6Addr};
 
 /// Crockford's digits: none is taken for another one.
 const DIGITS: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
-/// Digits of a code: 2^40 codes, of which five can be tried in a minute.
+/// Digits of a code: 2^40 codes, of which a few thousand can be tried while one is valid.
 const LENGTH: usize = 8;
 /// Time for which a code is valid, ns.
 const VALID_NS: u64 = 600_000_000_000;
 /// Largest number of codes at once.
 const MOST: usize = 16;
-/// Wrong codes after which none is accepted for a time, and that time, ns.
+/// Wrong codes after which none is accepted from an address for a time, and that time, ns.
 const FAILURES: usize = 5;
 const LOCKED_NS: u64 = 60_000_000_000;
+/// Codes that are tried per second, and in a burst, from all addresses together: at most 6100 in ten minutes, so that
+/// one of 2^40 is not found with any number of addresses. More than a hundred addresses are needed to use this up.
+const TRIED_PER_S: f64 = 10.0;
+const TRIED: f64 = 100.0;
+/// Addresses with wrong codes that are remembered.
+const ADDRESSES: usize = 256;
 
 #[derive(Debug)]
 struct Code {
@@ -23,12 +31,28 @@ struct Code {
     until_ns: u64,
 }
 
+/// The wrong codes of an address. Of IPv6 it is a network, in which one machine may have any number of addresses;
+/// clients without an address count as one.
+#[derive(Debug)]
+struct Failures {
+    from: Option<IpAddr>,
+    count: usize,
+    /// They count until then.
+    until_ns: u64,
+}
+
 /// The codes that were given out and not used.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Codes {
     open: Vec<Code>,
-    failures: usize,
-    locked_ns: u64,
+    failures: Vec<Failures>,
+    tried: Budget,
+}
+
+impl Default for Codes {
+    fn default() -> Self {
+        Self { open: Vec::new(), failures: Vec::new(), tried: Budget::new(TRIED_PER_S, TRIED, 0) }
+    }
 }
 
 impl Codes {
@@ -51,25 +75,56 @@ impl Codes {
         Ok(format!("{}-{}", &code[..LENGTH / 2], &code[LENGTH / 2..]))
     }
 
-    /// Uses a code: it is not valid any more. Returns its holder and role.
+    /// Uses a code that was entered at an address: it is not valid any more. Returns its holder and role.
     #[allow(clippy::result_large_err)] // it is the answer
-    pub(crate) fn take(&mut self, now_ns: u64, given: &str) -> Result<(String, String), Reason> {
-        if now_ns < self.locked_ns {
-            return Err(Reason::PairingLocked { for_s: seconds(self.locked_ns - now_ns) });
+    pub(crate) fn take(&mut self, now_ns: u64, from: Option<IpAddr>, given: &str) -> Result<(String, String), Reason> {
+        let from = from.map(network);
+        self.failures.retain(|one| one.until_ns > now_ns);
+        if let Some(locked) = self.failures.iter().find(|one| one.from == from && one.count >= FAILURES) {
+            return Err(Reason::PairingLocked { for_s: seconds(locked.until_ns - now_ns) });
+        }
+        if !self.tried.spend(now_ns) {
+            return Err(Reason::PairingLocked { for_s: 1.0 });
         }
         let hash = hash(&normal(given));
         self.open.retain(|code| code.until_ns > now_ns);
         if let Some(at) = self.open.iter().position(|code| code.sha256 == hash) {
-            self.failures = 0;
+            self.failures.retain(|one| one.from != from);
             let Code { name, role, .. } = self.open.swap_remove(at);
             return Ok((name, role));
         }
-        self.failures += 1;
-        if self.failures >= FAILURES {
-            (self.failures, self.locked_ns) = (0, now_ns.saturating_add(LOCKED_NS));
-            return Err(Reason::PairingLocked { for_s: seconds(LOCKED_NS) });
+        let count = self.failed(from, now_ns.saturating_add(LOCKED_NS));
+        Err(match FAILURES.checked_sub(count) {
+            None | Some(0) => Reason::PairingLocked { for_s: seconds(LOCKED_NS) },
+            Some(left) => Reason::CodeInvalid { left },
+        })
+    }
+
+    /// Counts a wrong code of an address; returns how many there are.
+    fn failed(&mut self, from: Option<IpAddr>, until_ns: u64) -> usize {
+        if let Some(known) = self.failures.iter_mut().find(|one| one.from == from) {
+            (known.count, known.until_ns) = (known.count + 1, until_ns);
+            return known.count;
         }
-        Err(Reason::CodeInvalid { left: FAILURES - self.failures })
+        // The oldest one makes room.
+        if self.failures.len() >= ADDRESSES
+            && let Some(at) = (0..ADDRESSES).min_by_key(|at| self.failures[*at].until_ns)
+        {
+            self.failures.swap_remove(at);
+        }
+        self.failures.push(Failures { from, count: 1, until_ns });
+        1
+    }
+}
+
+/// An IPv4 address, or the network of 64 bits of an IPv6 address.
+fn network(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(six) => {
+            let [a, b, c, d, ..] = six.segments();
+            Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
+        }
+        four => four,
     }
 }
 
@@ -105,27 +160,49 @@ mod tests {
         let mut codes = Codes::default();
         let code = codes.add(0, "ada", "fly", RANDOM).unwrap();
         assert_eq!(code, "0128-7ZGZ");
-        assert_eq!(codes.take(1, "oi28 7zgz"), Ok(("ada".to_owned(), "fly".to_owned())));
-        assert_eq!(codes.take(2, &code), Err(Reason::CodeInvalid { left: 4 }));
+        assert_eq!(codes.take(1, None, "oi28 7zgz"), Ok(("ada".to_owned(), "fly".to_owned())));
+        assert_eq!(codes.take(2, None, &code), Err(Reason::CodeInvalid { left: 4 }));
         codes.add(0, "ada", "fly", RANDOM).unwrap();
-        assert_eq!(codes.take(VALID_NS, &code), Err(Reason::CodeInvalid { left: 3 }));
+        assert_eq!(codes.take(VALID_NS, None, &code), Err(Reason::CodeInvalid { left: 4 }));
         // A second one for the same holder replaces the first.
         codes.add(0, "ada", "fly", RANDOM).unwrap();
         let other = codes.add(0, "ada", "stop", [9; LENGTH]).unwrap();
-        assert!(codes.take(1, &code).is_err() && codes.take(1, &other).is_ok());
+        assert!(codes.take(1, None, &code).is_err() && codes.take(1, None, &other).is_ok());
         let added = (0..100).filter(|i| codes.add(0, &format!("n{i}"), "fly", [*i as u8; LENGTH]).is_ok()).count();
         assert_eq!(added, MOST);
     }
 
     #[test]
-    fn five_failures_close_it_for_a_minute_also_for_the_right_code() {
+    fn five_failures_close_it_to_their_address_for_a_minute_also_for_the_right_code() {
         let mut codes = Codes::default();
         let code = codes.add(0, "ada", "fly", RANDOM).unwrap();
-        for left in (1..FAILURES).rev() {
-            assert_eq!(codes.take(1, "AAAA-AAAA"), Err(Reason::CodeInvalid { left }));
+        let from = |text: &str| Some(text.parse::<IpAddr>().unwrap());
+        // Of IPv6 all addresses of a network count together, and an IPv4 address counts in either form.
+        for stranger in [["10.0.0.66", "::ffff:10.0.0.66"], ["2001:db8::1", "2001:db8::ffff:2"]] {
+            for left in (1..FAILURES).rev() {
+                assert_eq!(codes.take(1, from(stranger[left % 2]), "AAAA-AAAA"), Err(Reason::CodeInvalid { left }));
+            }
+            assert_eq!(codes.take(1, from(stranger[0]), ""), Err(Reason::PairingLocked { for_s: 60.0 }));
+            assert!(matches!(codes.take(2, from(stranger[1]), &code), Err(Reason::PairingLocked { .. })));
         }
-        assert_eq!(codes.take(1, ""), Err(Reason::PairingLocked { for_s: 60.0 }));
-        assert!(matches!(codes.take(2, &code), Err(Reason::PairingLocked { .. })));
-        assert!(codes.take(1 + LOCKED_NS, &code).is_ok());
+        // Another address is not locked out.
+        assert_eq!(codes.take(2, from("10.0.0.7"), "AAAA-AAAA"), Err(Reason::CodeInvalid { left: 4 }));
+        assert!(codes.take(2, from("10.0.0.7"), &code).is_ok());
+        let code = codes.add(0, "ada", "fly", RANDOM).unwrap();
+        assert!(codes.take(1 + LOCKED_NS, from("10.0.0.66"), &code).is_ok());
+    }
+
+    #[test]
+    fn with_any_number_of_addresses_few_codes_are_tried_while_one_is_valid() {
+        let mut codes = Codes::default();
+        codes.add(0, "ada", "fly", RANDOM).unwrap();
+        let (mut tried, mut most) = (0, 0);
+        for at in 0..60_000_u32 {
+            let from = Some(IpAddr::from((0x0a00_0000 + at % 5_000).to_be_bytes()));
+            let given = codes.take(u64::from(at) * VALID_NS / 60_000, from, "AAAA-AAAA");
+            tried += usize::from(matches!(given, Err(Reason::CodeInvalid { .. })));
+            most = most.max(codes.failures.len());
+        }
+        assert!((6000..=6100).contains(&tried) && most <= ADDRESSES, "{tried}, {most}");
     }
 }

@@ -422,7 +422,7 @@ impl Core {
                 return self.send(client, Reply::Done { id });
             }
             Call::Seat { what, .. } => return self.seat_call(client, id, holder, what),
-            Call::CodeUse { code, .. } => return self.code_use(client, id, &code),
+            Call::CodeUse { code, .. } => return self.code_use(client, id, holder, &code),
             Call::CodeAdd { .. } | Call::TokenAdd { .. } | Call::TokenList { .. } | Call::TokenRevoke { .. } => {
                 return self.token_call(client, holder, call);
             }

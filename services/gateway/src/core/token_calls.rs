@@ -56,11 +56,11 @@ impl Core {
     }
 
     /// A token for a code: everyone who opens a page may try, a few times.
-    pub(super) fn code_use(&mut self, client: ClientId, id: u64, code: &str) {
+    pub(super) fn code_use(&mut self, client: ClientId, id: u64, holder: &Holder, code: &str) {
         if self.changing {
             return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
         }
-        match self.codes.take(self.now_ns, code) {
+        match self.codes.take(self.now_ns, holder.from, code) {
             Ok((name, role)) => {
                 let mut tokens = self.tokens.clone();
                 let added = tokens.add(&name, &role).map(|secret| (Reply::Token { id, secret }, None));
