@@ -135,7 +135,8 @@ fn a_motion_that_is_held_ends_when_another_person_takes_over() {
     gateway.page(1, "ada", "fly");
     gateway.page(2, "bob", "fly");
     let begun = gateway.ask(1, go(), true);
-    let Some(Action::Ask { ticket, .. }) = begun.first() else { panic!("{begun:?}") };
+    let asked = begun.iter().find(|action| matches!(action, Action::Ask { .. }));
+    let Some(Action::Ask { ticket, .. }) = asked else { panic!("{begun:?}") };
     let answer = RequestAnswer { accepted: OperatorRequest::ACCEPTED, ..RequestAnswer::default() };
     gateway.step(Event::Answered { ticket: *ticket, reply: Done::Answer(Box::new(answer)) });
     gateway.seat(2, SeatCall::Ask);
@@ -178,14 +179,35 @@ fn a_code_pairs_one_browser_and_failures_close_the_pairing() {
 }
 
 #[test]
+fn wrong_codes_close_the_pairing_to_their_address_alone() {
+    let mut gateway = Gateway::new(0.0);
+    gateway.connect(1, OWNER, Origin::Command, None);
+    for (client, from) in [(2, "10.0.0.66"), (3, "10.0.0.66"), (4, "10.0.0.7")] {
+        let peer = Peer { uid: 700, user: "u700".to_owned(), ..Peer::default() };
+        gateway.step(Event::Connected { client, peer });
+        let from = Some(from.parse().unwrap());
+        gateway.send(client, &Call::Hello { version: VERSION, origin: Origin::Page, token: None, from });
+    }
+    let made = gateway.send(1, &Call::CodeAdd { id: 1, name: "ada".to_owned(), role: "fly".to_owned() });
+    let [Action::Send { reply: Reply::Code { code, .. }, .. }] = &made[..] else { panic!("{made:?}") };
+    let give = |code: &str| Call::CodeUse { id: 2, code: code.to_owned() };
+    // Also over another connection of that address.
+    let reasons: Vec<u16> = (0..6).map(|i| reason(&gateway.send(2 + i % 2, &give("0000-0000")))).collect();
+    assert_eq!(reasons, [481, 481, 481, 481, 482, 482]);
+    assert!(matches!(&gateway.send(4, &give(code))[..], [Action::Send { reply: Reply::Token { .. }, .. }]));
+}
+
+#[test]
 fn a_motion_without_an_operator_is_held_where_that_is_configured() {
-    for after_s in [0.0, 5.0] {
+    let (following, jogging) = (MotorAuthority::MODE_FOLLOWING, MotorAuthority::MODE_JOGGING);
+    // In soft mode a person has the node in hand.
+    let soft = MotorAuthority::MODE_SOFT;
+    for (after_s, mode) in [(0.0, following), (0.0, jogging), (5.0, following), (5.0, jogging), (5.0, soft)] {
         let mut gateway = Gateway::new(after_s);
         gateway.page(1, "ada", "fly");
         gateway.connect(2, 700, Origin::Page, None);
-        let mode = MotorAuthority::MODE_FOLLOWING;
-        let mut held_after = |seconds: u64, follows: bool| {
-            let mode = if follows { mode } else { MotorAuthority::MODE_HOLDING };
+        let mut held_after = |seconds: u64, moves: bool| {
+            let mode = if moves { mode } else { MotorAuthority::MODE_HOLDING };
             let mut held = None;
             for second in 0..seconds {
                 gateway.now_ns += SECOND;
@@ -203,6 +225,7 @@ fn a_motion_without_an_operator_is_held_where_that_is_configured() {
         assert_eq!(held_after(20, true).0, None);
         assert_eq!(held_after(20, false).0, None);
         let held = held_after(20, true).0;
-        assert_eq!(held, (after_s > 0.0).then_some((5, RequestBody::VERB_HOLD)), "after {after_s} s");
+        let holds = after_s > 0.0 && mode != soft;
+        assert_eq!(held, holds.then_some((5, RequestBody::VERB_HOLD)), "mode {mode} after {after_s} s");
     }
 }

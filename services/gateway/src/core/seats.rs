@@ -75,8 +75,10 @@ impl Core {
     pub(super) fn hold_without_operator(&mut self) {
         let Some(after_ns) = self.roles.hold_without_operator_ns() else { return };
         let flies = |one: &Connection| !one.closed && one.holder.as_ref().is_some_and(|one| one.role >= Role::Fly);
-        let follows = self.motion.is_some_and(|motion| motion.mode == MotorAuthority::MODE_FOLLOWING);
-        if !follows || self.connections.values().any(flies) {
+        // In soft mode a person leads the node by hand, and is there.
+        let moving = [MotorAuthority::MODE_FOLLOWING, MotorAuthority::MODE_JOGGING];
+        let moves = self.motion.is_some_and(|motion| moving.contains(&motion.mode));
+        if !moves || self.connections.values().any(flies) {
             self.alone_ns = None;
             return;
         }
