@@ -29,8 +29,10 @@ pub(crate) enum Job {
     Make(Option<PathBuf>, String, RunFiles),
     /// Deletes a run.
     Remove(Option<PathBuf>, String),
-    /// Finds what is wrong with the machine for this system file.
-    Doctor(PathBuf),
+    /// Removes what is left of runs whose deletion was interrupted.
+    Sweep,
+    /// Finds what is wrong with the machine for this system file, whose robot has this supervisor.
+    Doctor(PathBuf, Option<u32>),
     /// Stores the robot file of this system file, whose robot has this domain, as was asked for at this instant.
     RobotFile { system: PathBuf, domain: String, texts: Box<RobotTexts>, asked: Instant },
     /// Reads the configuration of a run.
@@ -119,6 +121,10 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                 Outcome::Done(ticket, changed(make::make(folder, present.as_deref(), &run, what)))
             }
             Job::Remove(present, run) => Outcome::Done(ticket, changed(make::remove(folder, present.as_deref(), &run))),
+            Job::Sweep => {
+                make::sweep(folder);
+                Outcome::Done(ticket, changed(Ok(())))
+            }
             Job::Files(present, run) => {
                 let files = runs::files(folder, present.as_deref(), &run);
                 Outcome::Done(ticket, files.map_or_else(|| no_run(&run), |files| reply(Reply::Files { id: 0, files })))
@@ -141,9 +147,9 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                     },
                 )
             }
-            Job::Doctor(system) => Outcome::Done(
+            Job::Doctor(system, supervisor) => Outcome::Done(
                 ticket,
-                match make::doctor(&system) {
+                match make::doctor(&system, supervisor) {
                     Ok(findings) => reply(Reply::Findings { id: 0, findings }),
                     Err(reason) => Done::Answer(Box::new(reason.answer())),
                 },

@@ -21,6 +21,8 @@ const LONGEST_FINDINGS: Duration = Duration::from_secs(50);
 const LOOK: Duration = Duration::from_millis(50);
 /// Largest part of what a program prints about its failure that is read: its end, bytes.
 const SENTENCE: u64 = 4096;
+/// Beginning of the name of a run that is being deleted.
+const DELETED: &str = ".deleted-";
 /// Largest size of what a program prints as findings, bytes.
 const FINDINGS: u64 = 1 << 20;
 /// How a program begins that must not disturb the robot or the gateway, whose cgroup it shares: the kernel ends it
@@ -60,19 +62,26 @@ fn make_by(nims: &Path, runs: &Path, present: Option<&Path>, run: &str, what: Ru
     }
 }
 
-/// Finds what is wrong with this machine for the robot of a system file.
+/// Finds what is wrong with this machine for the robot of a system file. `supervisor`: its process, if it runs, whose
+/// limits count, because the service of the gateway has no real-time priority and no devices.
 ///
 /// # Errors
 /// Why that cannot be found out.
-pub(crate) fn doctor(system: &Path) -> Result<Vec<FindingRow>, Box<Reason>> {
+pub(crate) fn doctor(system: &Path, supervisor: Option<u32>) -> Result<Vec<FindingRow>, Box<Reason>> {
     let nims = std::env::current_exe().map_err(|error| refused(&error))?.with_file_name("nims");
-    doctor_by(&nims, system, LONGEST_FINDINGS)
+    doctor_by(&nims, system, supervisor, LONGEST_FINDINGS)
 }
 
-fn doctor_by(nims: &Path, system: &Path, longest: Duration) -> Result<Vec<FindingRow>, Box<Reason>> {
+fn doctor_by(
+    nims: &Path,
+    system: &Path,
+    supervisor: Option<u32>,
+    longest: Duration,
+) -> Result<Vec<FindingRow>, Box<Reason>> {
     let mut found = tempfile::tempfile().map_err(|error| refused(&error))?;
     let mut command = aside(nims);
-    command.arg("doctor").arg(system).stdout(found.try_clone().map_err(|error| refused(&error))?);
+    command.arg("doctor").arg(system).arg("--limits-of").arg(supervisor.unwrap_or(0).to_string());
+    command.stdout(found.try_clone().map_err(|error| refused(&error))?);
     let Some((_, sentence)) = ended(&mut command, longest)? else {
         let why = format!("nims doctor takes more than {} s; start it on the robot's machine", longest.as_secs());
         return Err(refused(&why));
@@ -101,9 +110,28 @@ pub(crate) fn last_line(text: &str, otherwise: &str) -> String {
 pub(crate) fn remove(runs: &Path, present: Option<&Path>, run: &str) -> Result<(), Box<Reason>> {
     let folder = finished(runs, present, run)?;
     // A list never has a part of a run.
-    let hidden = runs.join(format!(".deleted-{run}"));
+    let hidden = runs.join(format!("{DELETED}{run}"));
     std::fs::rename(&folder, &hidden).map_err(|error| refused(&error))?;
-    std::fs::remove_dir_all(&hidden).map_err(|error| refused(&error))
+    removed(&hidden).map_err(|error| refused(&error))
+}
+
+/// Removes what is left of runs whose deletion was interrupted.
+pub(crate) fn sweep(runs: &Path) {
+    for entry in std::fs::read_dir(runs).into_iter().flatten().flatten() {
+        let left = entry.file_name().to_str().is_some_and(|name| name.starts_with(DELETED));
+        if left && let Err(error) = removed(&entry.path()) {
+            let path = entry.path();
+            eprintln!("gateway: the rest of a deleted run cannot be removed: {}: {error}", path.display());
+        }
+    }
+}
+
+/// Removes a folder; the gateway of another robot with the same runs may do the same.
+fn removed(folder: &Path) -> std::io::Result<()> {
+    match std::fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
 }
 
 fn finished(runs: &Path, present: Option<&Path>, run: &str) -> Result<PathBuf, Box<Reason>> {
@@ -211,10 +239,19 @@ mod tests {
         assert!(format!("{reason:?}").contains("it is full"), "{reason:?}");
         let finding = r#"{"findings":[{"level":"error","finding":"no disk","cure":"add one"}]}"#;
         let (_folder, nims) = place(&format!("{}; echo '{finding}'; exit 1", &warnings[..warnings.len() - 8]));
-        assert_eq!(doctor_by(&nims, Path::new("system.toml"), LONGEST).unwrap().len(), 1);
+        assert_eq!(doctor_by(&nims, Path::new("system.toml"), None, LONGEST).unwrap().len(), 1);
         let (_folder, nims) = place("exec sleep 1000000");
-        let reason = doctor_by(&nims, Path::new("system.toml"), Duration::from_secs(1)).unwrap_err();
+        let reason = doctor_by(&nims, Path::new("system.toml"), None, Duration::from_secs(1)).unwrap_err();
         assert!(format!("{reason:?}").contains("more than 1 s"), "{reason:?}");
+    }
+
+    #[test]
+    fn the_machine_is_judged_by_the_limits_of_the_robot() {
+        let (_folder, nims) = place(r#"printf '{"findings":[{"level":"note","finding":"%s","cure":""}]}' "$*""#);
+        for (supervisor, pid) in [(Some(77), "77"), (None, "0")] {
+            let rows = doctor_by(&nims, Path::new("system.toml"), supervisor, LONGEST).unwrap();
+            assert_eq!(rows[0].finding, format!("--json doctor system.toml --limits-of {pid}"));
+        }
     }
 
     #[test]
@@ -238,5 +275,20 @@ mod tests {
         assert_eq!(std::fs::read_dir(&runs).unwrap().count(), 0);
         assert!(folder.path().join("nims").is_file());
         assert_eq!(remove(&runs, None, "done").unwrap_err().code(), 461);
+    }
+
+    #[test]
+    fn what_an_interrupted_deletion_leaves_is_removed_and_no_run() {
+        let (folder, _) = place("");
+        let runs = folder.path().join("runs");
+        std::fs::rename(runs.join("done"), runs.join(".deleted-done")).unwrap();
+        for other in ["deleted-x", ".other", "2026-01-01T10-00-00"] {
+            std::fs::create_dir(runs.join(other)).unwrap();
+        }
+        sweep(&runs);
+        let mut left: Vec<_> = std::fs::read_dir(&runs).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        left.sort();
+        assert_eq!(left, [".other", "2026-01-01T10-00-00", "deleted-x"]);
+        sweep(&folder.path().join("absent"));
     }
 }

@@ -189,6 +189,11 @@ impl Robot {
         Running::read(self.joined.as_ref()?.guests.domain()).map(|running| running.run)
     }
 
+    /// Returns the supervisor of the robot that runs.
+    pub(crate) fn supervisor(&self) -> Option<u32> {
+        Running::read(self.joined.as_ref()?.guests.domain()).map(|running| running.pid)
+    }
+
     /// Returns the channels.
     ///
     /// # Errors

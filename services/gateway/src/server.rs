@@ -121,6 +121,7 @@ impl Server {
     /// The sockets cannot be waited for.
     pub fn run(&mut self, stop: &StopFlag) -> Answer {
         eprintln!("gateway: listening on {}", self.path.display());
+        self.begin(0, Job::Sweep);
         for name in std::mem::take(&mut self.started) {
             self.plugin(0, name, Verb::Start);
         }
@@ -345,7 +346,7 @@ impl Server {
                 self.answer(ticket, Box::new(Reason::GatewayBusy { most: DESCRIPTORS }.answer()));
             }
             Question::Open(run, file) => self.begin(ticket, Job::Open(present, run, file)),
-            Question::Doctor => self.begin(ticket, Job::Doctor(self.system.clone())),
+            Question::Doctor => self.begin(ticket, Job::Doctor(self.system.clone(), self.robot.supervisor())),
             Question::RobotFile(texts) => {
                 if let Some((user, role)) = self.core.described(ticket) {
                     eprintln!("gateway: {user} ({}): store a robot file", role.name());
@@ -389,7 +390,7 @@ impl Server {
         let disk = match job {
             Job::Mission(..) => &mut self.inbox,
             Job::Plugin { .. } => &mut self.units,
-            Job::Make(..) | Job::Remove(..) | Job::Doctor(_) | Job::RobotFile { .. } => &mut self.makers,
+            Job::Make(..) | Job::Remove(..) | Job::Sweep | Job::Doctor(..) | Job::RobotFile { .. } => &mut self.makers,
             _ => &mut self.disk,
         };
         match disk.begin(ticket, job) {

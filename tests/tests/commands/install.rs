@@ -300,6 +300,8 @@ fn the_oldest_finished_runs_make_room_and_nothing_else() {
     };
     assert!(keep("0").status.success());
     assert_eq!(left().len(), 5);
+    // The rest of a deleted run counts for no other one, and goes.
+    make(".deleted-2026-01-01T00-00-00Z-old", "run.mcap");
     let output = keep("14");
     assert!(printed(&output).contains("2026-01-01"), "{}", printed(&output));
     assert_eq!(left().len(), 4);

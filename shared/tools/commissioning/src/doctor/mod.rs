@@ -32,6 +32,10 @@ pub struct Args {
     /// Answer the questions of --fix with yes.
     #[arg(long, requires = "fix")]
     pub yes: bool,
+    /// Judge the limits of this process of the robot in place of those of this one; 0: of none, because no robot runs.
+    /// A gateway asks so: its own service may do less than that of the robot.
+    #[arg(long, hide = true, value_name = "PID")]
+    pub limits_of: Option<u32>,
 }
 
 /// Runs `nims doctor` with or without a system file.
@@ -49,7 +53,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         changes = fix::fix(root, &examined, &mut |sentence| fix::question(args.yes, sentence))?;
         examined = examine();
     }
-    let mut found: Vec<Finding> = judge::judge(&probe::probe(file.as_ref()));
+    let mut found: Vec<Finding> = judge::judge(&probe::probe(file.as_ref(), args.limits_of));
     found.extend(examined.into_iter().map(|examined| examined.finding));
     found.extend(file.iter().flat_map(drives::to_set));
     if let (true, Some(file)) = (args.drives, &file) {

@@ -17,17 +17,22 @@ const SHARED_MEMORY: &str = "/dev/shm";
 /// `f_type` of tmpfs, statfs(2).
 pub const TMPFS_MAGIC: u32 = 0x0102_1994;
 
-/// Collects what a system needs from this machine; without a system file, what every system needs.
-pub fn probe(file: Option<&SystemFile>) -> Machine {
+/// Collects what a system needs from this machine; without a system file, what every system needs. `limits_of`: a
+/// process of the robot whose limits count, or 0 if none do; without it those of this process.
+pub fn probe(file: Option<&SystemFile>, limits_of: Option<u32>) -> Machine {
     let user = geteuid().as_raw();
+    let limits = limits_of.map_or_else(own_limits, limits_of_process);
     let domains: Vec<Domain> = Domain::all();
     Machine {
         user,
         memory: memory(),
         ownerless: ownerless(&domains, user),
         domains: domains.iter().map(domain_facts).collect(),
-        limits: limits(),
-        realtime_refused: file.and_then(realtime_refused),
+        limits,
+        realtime_refused: file.and_then(|file| match limits_of {
+            None => realtime_refused(file),
+            Some(_) => realtime_not_permitted(file, &limits),
+        }),
         ports: file.map(ports).unwrap_or_default(),
         clock_source: device_setting("clocksource/clocksource0/current_clocksource"),
         clock_sources: device_setting("clocksource/clocksource0/available_clocksource"),
@@ -86,7 +91,7 @@ fn domain_facts(domain: &Domain) -> DomainFacts {
     }
 }
 
-fn limits() -> Limits {
+fn own_limits() -> Limits {
     let most = |resource| getrlimit(resource).maximum;
     Limits {
         // Every process raises its own soft limit up to the hard limit.
@@ -94,6 +99,30 @@ fn limits() -> Limits {
         realtime_priority: most(Resource::Rtprio),
         processes: most(Resource::Nproc),
     }
+}
+
+/// The limits of another process; none where they cannot be read.
+fn limits_of_process(pid: u32) -> Limits {
+    limits_in(&fs::read_to_string(format!("/proc/{pid}/limits")).unwrap_or_default())
+}
+
+/// Of /proc/PID/limits, proc(5): name, soft limit, hard limit, unit.
+fn limits_in(text: &str) -> Limits {
+    let most = |name| text.lines().find_map(|line| line.strip_prefix(name)?.split_whitespace().nth(1)?.parse().ok());
+    Limits {
+        open_files: most("Max open files"),
+        realtime_priority: most("Max realtime priority"),
+        processes: most("Max processes"),
+    }
+}
+
+/// Returns what `[realtime]` asks beyond the limits of the robot's processes.
+fn realtime_not_permitted(file: &SystemFile, limits: &Limits) -> Option<String> {
+    // The controller has the highest one, two above that of motor-io.
+    let asked = Some(file.realtime.priority).filter(|priority| *priority > 0)? + 2;
+    let most = limits.realtime_priority?;
+    let refused = || format!("SCHED_FIFO priority {asked}, and the robot's processes may have {most}");
+    (u64::from(asked) > most).then(refused)
 }
 
 /// Applies the settings of `[realtime]` in a temporary thread and returns the error, if any.
@@ -206,9 +235,35 @@ mod tests {
 
     #[test]
     fn this_machine_can_be_probed() {
-        let machine = probe(None);
+        let machine = probe(None, None);
         assert!(machine.memory.is_tmpfs && machine.memory.size_bytes >= machine.memory.free_bytes);
         assert!(machine.processors >= 1 && machine.unix_s > 1_700_000_000);
+    }
+
+    #[test]
+    fn the_limits_of_another_process_are_those_of_the_kernel() {
+        let (read, asked) = (limits_of_process(std::process::id()), own_limits());
+        assert_eq!((read.open_files, read.processes), (asked.open_files, asked.processes));
+        assert_eq!(read.realtime_priority, asked.realtime_priority);
+        let none = limits_of_process(0);
+        assert!(none.open_files.is_none() && none.realtime_priority.is_none() && none.processes.is_none());
+        let read = limits_in(
+            "Max open files            1024                 16384                files     \n\
+             Max realtime priority     0                    90                             \n\
+             Max processes             unlimited            unlimited            processes \n",
+        );
+        assert_eq!((read.open_files, read.realtime_priority, read.processes), (Some(16384), Some(90), None));
+    }
+
+    #[test]
+    fn the_real_time_priority_is_judged_by_the_limit_of_the_robot() {
+        let file = SystemFile::load(Path::new("../../../configs/systems/demo3.toml")).unwrap();
+        let most = |priority| Limits { realtime_priority: priority, ..Limits::default() };
+        let asked = u64::from(file.realtime.priority) + 2;
+        assert!(asked > 2 && realtime_not_permitted(&file, &most(Some(asked - 1))).is_some());
+        for enough in [Some(asked), None] {
+            assert!(realtime_not_permitted(&file, &most(enough)).is_none());
+        }
     }
 
     #[test]
