@@ -139,8 +139,8 @@ impl Cli {
         let place = Place { domain, gateway: self.gateway.as_deref() };
         let output = match &self.command {
             Command::Demo(args) => return demo::run(args, domain).map(Some),
-            Command::Up { arguments } => return Err(programs::run_supervisor(arguments, domain, self.json)),
-            Command::Program(words) => return Err(programs::run_external(words, domain, self.json)),
+            Command::Up { arguments } => return Err(programs::run_supervisor(arguments, place, self.json)),
+            Command::Program(words) => return Err(programs::run_external(words, place, self.json)),
             Command::Top => return top::top(place, self.json).map(|()| None),
             Command::Solve => return programs::solve().map(|()| None),
             Command::Channel(command) => return command.run(place),
@@ -151,7 +151,7 @@ impl Cli {
             Command::Set(args) => set::set(place, args),
             Command::Fault { words, seconds } => fault::fault(place, words, *seconds),
             Command::NewSensor(args) => commissioning::new_sensor::new_sensor(args),
-            Command::Commissioning(command) => command.run(domain),
+            Command::Commissioning(command) => command.run(place),
             Command::Analysis(command) => closed_runs::run(place, command),
             Command::Runs { folder } => fetch::runs(place, folder.as_deref()),
             Command::Fetch(args) => fetch::fetch(place, args),

@@ -1,6 +1,7 @@
 //! Programs in the same folder as `nims`: `nims up` runs the supervisor, and `nims X` runs `nims-X` if X is not built
 //! in, as git and cargo do.
 
+use client::Place;
 use command::{Answer, Failure};
 use std::ffi::{OsStr, OsString};
 use std::os::unix::process::CommandExt;
@@ -18,19 +19,19 @@ pub const COMPANIONS: [(&str, &str); 6] = [
 ];
 
 /// Replaces this process by the supervisor. Returns only if that fails.
-pub fn run_supervisor(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
+pub fn run_supervisor(arguments: &[OsString], place: Place<'_>, json: bool) -> Failure {
     match sibling("supervisor") {
-        Ok(path) => become_program(&path, arguments, domain, json),
+        Ok(path) => become_program(&path, arguments, place, json),
         Err(failure) => failure,
     }
 }
 
 /// Replaces this process by the program `nims-X`. Returns only if that fails.
-pub fn run_external(words: &[OsString], domain: Option<&str>, json: bool) -> Failure {
+pub fn run_external(words: &[OsString], place: Place<'_>, json: bool) -> Failure {
     let Some((name, arguments)) = words.split_first() else { return unknown(OsStr::new("")) };
     let plain = |name: &&str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-');
     match name.to_str().filter(plain).map(|name| sibling(&format!("nims-{name}"))) {
-        Some(Ok(path)) => become_program(&path, arguments, domain, json),
+        Some(Ok(path)) => become_program(&path, arguments, place, json),
         _ => unknown(name),
     }
 }
@@ -55,11 +56,18 @@ pub fn sibling(name: &str) -> Answer<PathBuf> {
     Err(Failure::NotNow(format!("there is no program {path}: build all programs with `cargo build --workspace`")))
 }
 
-fn become_program(path: &Path, arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
+fn become_program(path: &Path, arguments: &[OsString], place: Place<'_>, json: bool) -> Failure {
+    let error = command(path, arguments, place, json).exec();
+    Failure::NotNow(format!("{} cannot be run: {error}", path.display()))
+}
+
+/// The program with the options of `nims` before its own arguments; one that has no such option refuses it.
+fn command(path: &Path, arguments: &[OsString], place: Place<'_>, json: bool) -> Command {
     let mut command = Command::new(path);
-    command.args(domain.into_iter().flat_map(|domain| ["--domain", domain]));
+    command.args(place.domain.into_iter().flat_map(|domain| ["--domain", domain]));
+    command.args(place.gateway.into_iter().flat_map(|socket| [OsStr::new("--gateway"), socket.as_os_str()]));
     command.args(json.then_some("--json")).args(arguments);
-    Failure::NotNow(format!("{} cannot be run: {}", path.display(), command.exec()))
+    command
 }
 
 /// Answers the requests of `nims solve` until the input ends.
@@ -68,4 +76,21 @@ fn become_program(path: &Path, arguments: &[OsString], domain: Option<&str>, jso
 /// Standard input cannot be read, or standard output cannot be written.
 pub fn solve() -> Answer {
     solve::serve(std::io::stdin(), std::io::stdout().lock()).map_err(Failure::not_now)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_companion_gets_the_options_of_nims() {
+        let words = ["revoke".into(), "ada".into()];
+        let place = Place { domain: Some("lab"), gateway: Some(Path::new("/run/nims-gateway/lab.sock")) };
+        let given = |place, json| {
+            let command = command(Path::new("nims-page"), &words, place, json);
+            command.get_args().map(|arg| arg.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(given(place, true), "--domain lab --gateway /run/nims-gateway/lab.sock --json revoke ada");
+        assert_eq!(given(Place::default(), false), "revoke ada");
+    }
 }

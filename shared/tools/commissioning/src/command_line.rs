@@ -1,6 +1,7 @@
 //! The commands of this crate.
 
 use crate::{calibrate, check, doctor, kinematics, loads, plan, setup, workspace};
+use client::Place;
 use command::{Answer, Output};
 
 /// Commands for the time before the first flight, without a running robot.
@@ -32,11 +33,11 @@ pub enum Command {
 }
 
 impl Command {
-    /// Runs the command. `domain`: that of the robot, for `setup`; None for the only running one.
+    /// Runs the command. `place`: the robot, for `setup`.
     ///
     /// # Errors
     /// One sentence that the program prints.
-    pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
+    pub fn run(&self, place: Place<'_>) -> Answer<Output> {
         match self {
             Self::Check(args) => check::run(args),
             Self::Doctor(args) => doctor::run(args),
@@ -44,7 +45,7 @@ impl Command {
             Self::Fk(args) => kinematics::fk(args),
             Self::Tension(args) => kinematics::tension(args),
             Self::Calibrate(args) => calibrate::run(args),
-            Self::Setup(args) => setup::run(args, domain),
+            Self::Setup(args) => setup::run(args, place),
             Self::Loads(args) => loads::run(args),
             Self::Plan(args) => plan::run(args),
             Self::Workspace(args) => workspace::run(args),

@@ -11,24 +11,24 @@ use std::time::Duration;
 /// Longest wait for a sample: half a second, in which even the slowest cycle passes many times.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Reads the lengths of the robot in this domain, or of the only running one.
+/// Reads the lengths of that robot.
 ///
 /// # Errors
-/// No robot runs, or its lengths cannot be used now.
-pub fn capture(domain: Option<&str>) -> Answer<CapturedLengths> {
-    let link = link(Place { domain, ..Place::default() })?;
+/// No such robot runs, or its lengths cannot be used now.
+pub fn capture(robot: Place<'_>) -> Answer<CapturedLengths> {
+    let link = link(robot)?;
     let counts_per_m = system_of(&link)?.motor_io.counts_per_m;
     let state = newest::<MotorState>(&link, "motor/state", PATIENCE)?
         .ok_or_else(|| Failure::NotNow("the robot publishes no lengths; `nims status` says why".to_owned()))?;
     lengths(&state, counts_per_m).map_err(Failure::NotNow)
 }
 
-/// Returns the place at which the robot in this domain, or the only running one, hangs, m.
+/// Returns the place at which that robot hangs, m.
 ///
 /// # Errors
-/// No robot runs, or its position cannot be used now.
-pub fn place(domain: Option<&str>) -> Answer<[f64; 3]> {
-    let link = link(Place { domain, ..Place::default() })?;
+/// No such robot runs, or its position cannot be used now.
+pub fn place(robot: Place<'_>) -> Answer<[f64; 3]> {
+    let link = link(robot)?;
     let counts_per_m = system_of(&link)?.motor_io.counts_per_m;
     let state = newest::<MotorState>(&link, "motor/state", PATIENCE)?
         .ok_or_else(|| Failure::NotNow("the robot publishes no position; `nims status` says why".to_owned()))?;
@@ -42,12 +42,12 @@ pub struct MotionWatch {
 }
 
 impl MotionWatch {
-    /// Begins to watch the robot in this domain, or the only running one.
+    /// Begins to watch that robot.
     ///
     /// # Errors
-    /// No robot runs.
-    pub fn begin(domain: Option<&str>) -> Answer<Self> {
-        let link = link(Place { domain, ..Place::default() })?;
+    /// No such robot runs.
+    pub fn begin(robot: Place<'_>) -> Answer<Self> {
+        let link = link(robot)?;
         let mut states = link.subscriber::<MotorState>("motor/state")?;
         // Samples of before are of another motion.
         states.latest()?;
@@ -92,13 +92,13 @@ pub struct TouchDownWatch {
 }
 
 impl TouchDownWatch {
-    /// Begins to watch the robot in this domain, or the only running one.
+    /// Begins to watch that robot.
     ///
     /// # Errors
-    /// No robot runs, or its lengths cannot be used now.
-    pub fn begin(domain: Option<&str>) -> Answer<Self> {
+    /// No such robot runs, or its lengths cannot be used now.
+    pub fn begin(robot: Place<'_>) -> Answer<Self> {
         // What prevents a capture at rest prevents this one, except a motion.
-        let link = link(Place { domain, ..Place::default() })?;
+        let link = link(robot)?;
         let counts_per_m = system_of(&link)?.motor_io.counts_per_m;
         let mut states = link.subscriber::<MotorState>("motor/state")?;
         // Of the samples of before, only whether lengths can be taken at all is of use.

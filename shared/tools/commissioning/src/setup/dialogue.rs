@@ -60,7 +60,7 @@ pub fn run(measurements: &Path, terminal: &mut Terminal<'_>) -> Answer<LoadsEnd>
             return if guide.is_skipped() { Ok(LoadsEnd::Skipped) } else { Err(left()) };
         };
         let reply = if guide.takes_capture(&line) {
-            match capture::place(terminal.domain) {
+            match capture::place(terminal.robot) {
                 Ok(position_m) => guide.capture(position_m),
                 Err(failure) => {
                     print_message(&format!("{}.", failure.to_string().trim_end_matches('.')));
@@ -118,7 +118,7 @@ fn robot_of(typed: &str, folder: &Path) -> Result<(PathBuf, LoadsRobot), String>
 
 /// Takes the currents of the running robot while it goes up and down, until a line is typed.
 fn watch(terminal: &mut Terminal<'_>, guide: &LoadsGuide) -> Answer<calibration::Weighing> {
-    let mut watch = MotionWatch::begin(terminal.domain)?;
+    let mut watch = MotionWatch::begin(terminal.robot)?;
     print_message("Let the node go up and down by 0.4 m at one speed, some times (nims goto). Enter ends the motion.");
     let mut failed = None;
     terminal.until_line(&mut || {

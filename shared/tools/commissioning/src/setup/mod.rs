@@ -17,6 +17,7 @@ mod terminal;
 mod tests;
 
 use crate::calibrate;
+use client::Place;
 use command::{Answer, Failure, Output};
 use config::FileKind;
 
@@ -48,12 +49,12 @@ pub struct Args {
 const NAMES: usize = 1000;
 
 /// Asks until the measurements are complete, then writes the calibration, and then the same with a known weight.
-/// Returns the JSON of `nims calibrate`, with that of `nims loads`, and the next steps as text. `domain`: that of the
-/// robot whose lengths are captured; None for the only running one.
+/// Returns the JSON of `nims calibrate`, with that of `nims loads`, and the next steps as text. `robot`: the one whose
+/// lengths are captured.
 ///
 /// # Errors
 /// A file that cannot be continued or written, or input that ends early; saved answers are kept.
-pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
+pub fn run(args: &Args, robot: Place<'_>) -> Answer<Output> {
     let path = args.measurements.as_path();
     if let Some(out) = args.out.as_deref().filter(|out| out.exists()) {
         return Err(Failure::BadInput(format!("{} already exists; name a new file or move this one", out.display())));
@@ -64,7 +65,7 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
         lines: LineReader::new(stdin.as_fd()),
         echoes: stdin.is_terminal(),
         stopped: &|| stop.load(Ordering::Relaxed),
-        domain,
+        robot,
     };
     let mut output = if dialogue::is_open(path) {
         print_message(&format!("Continuing with {}.", dialogue::file_name(path).display()));
@@ -97,7 +98,7 @@ fn ask(args: &Args, terminal: &mut Terminal<'_>) -> Answer<Output> {
     loop {
         let line = terminal.ask(&guide.question())?.ok_or_else(left)?;
         let captured = if guide.takes_capture(&line) {
-            Some(capture::capture(terminal.domain).map(Some))
+            Some(capture::capture(terminal.robot).map(Some))
         } else if guide.takes_touch_down(&line) {
             Some(touch_down(terminal))
         } else {
@@ -132,7 +133,7 @@ fn ask(args: &Args, terminal: &mut Terminal<'_>) -> Answer<Output> {
 /// Waits until the running robot has set the node down on the floor; `None` if a line was typed, or at the end of the
 /// input.
 fn touch_down(terminal: &mut Terminal<'_>) -> Answer<Option<CapturedLengths>> {
-    let mut watch = TouchDownWatch::begin(terminal.domain)?;
+    let mut watch = TouchDownWatch::begin(terminal.robot)?;
     print_message(
         "Lower the node slowly, straight down onto the floor and on (nims goto to a place below the floor, at 0.05 m/s); the lengths are \
          taken when all cables are slack, and the motion is stopped. Enter ends the wait.",

@@ -1,6 +1,7 @@
 //! What the dialogues read from and print to.
 
 use super::input::{InputEvent, LineReader};
+use client::Place;
 use command::{Answer, Failure};
 use site_calibration::setup::numbers::clean;
 use std::io::{self, Write};
@@ -13,8 +14,8 @@ pub struct Terminal<'a> {
     pub echoes: bool,
     /// Whether the program is interrupted.
     pub stopped: &'a dyn Fn() -> bool,
-    /// That of the robot whose lengths are captured; None for the only running one.
-    pub domain: Option<&'a str>,
+    /// The robot whose lengths are captured.
+    pub robot: Place<'a>,
 }
 
 impl Terminal<'_> {
