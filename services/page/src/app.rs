@@ -2,6 +2,7 @@
 
 use crate::assets::Assets;
 use crate::observer::Topics;
+use crate::places::Conversations;
 use crate::settings::PlaceArgs;
 use messages::Request;
 use std::collections::BTreeMap;
@@ -28,7 +29,7 @@ pub(crate) struct App {
     pub(crate) downloads: Downloads,
     /// Names of this machine, beside its addresses.
     pub(crate) names: Vec<String>,
-    pub(crate) browsers: Arc<Semaphore>,
+    pub(crate) conversations: Arc<Conversations>,
     pub(crate) stops: Places,
     /// One calibration is computed at a time.
     pub(crate) calibrations: Arc<Semaphore>,

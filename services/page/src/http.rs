@@ -2,6 +2,7 @@
 
 use crate::app::{App, Offered};
 use crate::link::Browser;
+use crate::places::OF_AN_ADDRESS;
 use crate::{plain, session, stops};
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -17,8 +18,6 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use tokio::io::AsyncReadExt;
 
-/// Browsers that talk at once: fewer connections than the gateway grants one user, so that stops find a place.
-pub(crate) const BROWSERS: usize = 24;
 /// Longest message of a browser, bytes: a mission of a thousand legs has 100 kB.
 const MESSAGE: usize = 256 << 10;
 /// Bytes of a file that are read at once.
@@ -156,13 +155,14 @@ async fn upgrade(
     if !headers.contains_key(header::ORIGIN) {
         return (StatusCode::FORBIDDEN, "a conversation is opened by the page\n").into_response();
     }
-    let Ok(place) = Arc::clone(&app.browsers).try_acquire_owned() else {
-        let why = format!("{BROWSERS} pages are open already; close one\n");
+    let from = from.map(|Extension(Peer(ip))| ip);
+    let Some(visit) = app.conversations.begin(from) else {
+        let why = format!("{OF_AN_ADDRESS} pages of this address are open already; close one\n");
         return (StatusCode::SERVICE_UNAVAILABLE, why).into_response();
     };
     upgrade.max_message_size(MESSAGE).max_frame_size(MESSAGE).max_write_buffer_size(4 * MESSAGE).on_upgrade(
         async move |socket| {
-            session::converse(socket, app, from.map(|Extension(Peer(ip))| ip), place).await;
+            session::converse(socket, app, from, visit).await;
         },
     )
 }

@@ -27,6 +27,7 @@ mod link;
 mod listener;
 mod observer;
 mod pair;
+mod places;
 mod plain;
 mod protocol;
 mod robot;

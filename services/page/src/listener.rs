@@ -1,6 +1,7 @@
 //! Accepts connections, a bounded number of each address, and speaks HTTP/1 on them, within TLS or without.
 
 use crate::http::{Peer, host_of, is_this_machine};
+use crate::places::Known;
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{StatusCode, header};
@@ -19,9 +20,12 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::time::timeout;
 use tokio_rustls::TlsAcceptor;
 
-/// Connections at once: of all, and of one address. A browser opens at most six.
+/// Connections at once: of all, and of one address. A browser opens at most six, and one for its conversation.
 const CONNECTIONS: usize = 96;
 const OF_AN_ADDRESS: usize = 48;
+/// The same for addresses from which no holder of a token has come, so that a few of them do not take all.
+const OF_STRANGERS: usize = 72;
+const OF_A_STRANGER: usize = 24;
 /// Time for the handshake and for the head of a request.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Largest head of a request, bytes.
@@ -33,16 +37,21 @@ const AGAIN: Duration = Duration::from_millis(100);
 
 /// Open connections by address.
 #[derive(Debug, Default)]
-struct Open(Mutex<BTreeMap<IpAddr, usize>>);
+struct Open {
+    of: Mutex<BTreeMap<IpAddr, usize>>,
+    known: Arc<Known>,
+}
 
 /// The place of a connection.
 struct Place(Arc<Open>, IpAddr);
 
 impl Open {
     fn take(self: &Arc<Self>, address: IpAddr) -> Option<Place> {
-        let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut open = self.of.lock().unwrap_or_else(PoisonError::into_inner);
         let (all, own) = (open.values().sum::<usize>(), open.get(&address).copied().unwrap_or(0));
-        if all >= CONNECTIONS || own >= OF_AN_ADDRESS {
+        let known = self.known.has(address);
+        let (most, most_own) = if known { (CONNECTIONS, OF_AN_ADDRESS) } else { (OF_STRANGERS, OF_A_STRANGER) };
+        if all >= most || own >= most_own {
             return None;
         }
         open.insert(address, own + 1);
@@ -52,7 +61,7 @@ impl Open {
 
 impl Drop for Place {
     fn drop(&mut self) {
-        let mut open = self.0.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut open = self.0.of.lock().unwrap_or_else(PoisonError::into_inner);
         match open.get_mut(&self.1) {
             Some(count) if *count > 1 => *count -= 1,
             _ => drop(open.remove(&self.1)),
@@ -66,8 +75,9 @@ pub(crate) async fn listen(
     tls: Option<Arc<ServerConfig>>,
     router: Router,
     names: Arc<[String]>,
+    known: Arc<Known>,
 ) {
-    let (open, tls) = (Arc::new(Open::default()), tls.map(TlsAcceptor::from));
+    let (open, tls) = (Arc::new(Open { of: Mutex::default(), known }), tls.map(TlsAcceptor::from));
     loop {
         let Ok((stream, address)) = listener.accept().await else {
             tokio::time::sleep(AGAIN).await;

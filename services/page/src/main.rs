@@ -1,19 +1,19 @@
 //! The page of a robot; see the library.
 
-use command::Answer;
+use command::{Answer, Output};
 use page::settings::{Args, Command};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    command::main(std::env::args_os(), |_: &Args| false, |args| run(args).map(|()| None))
+    command::main(std::env::args_os(), |args: &Args| args.json, run)
 }
 
-fn run(args: &Args) -> Answer {
+fn run(args: &Args) -> Answer<Option<Output>> {
     match &args.command {
-        Command::Serve(serve) => page::serve(serve, &args.place),
-        Command::Start(start) => page::start(start, &args.place),
-        Command::Pair(pair) => page::pair(pair, &args.place),
-        Command::Tokens => page::tokens(&args.place),
-        Command::Revoke { holder } => page::revoke(holder, &args.place),
+        Command::Serve(serve) => page::serve(serve, &args.place).map(|()| None),
+        Command::Start(start) => page::start(start, &args.place, args.json).map(|()| None),
+        Command::Pair(pair) => page::pair(pair, &args.place).map(Some),
+        Command::Tokens => page::tokens(&args.place).map(Some),
+        Command::Revoke { holder } => page::revoke(holder, &args.place).map(Some),
     }
 }

@@ -4,10 +4,11 @@ use crate::app::{App, Downloads, Places};
 use crate::assets::{Assets, folder};
 use crate::certificate::certificate;
 use crate::gather::gather;
-use crate::http::{BROWSERS, router};
+use crate::http::router;
 use crate::listener::listen;
 use crate::observer::{Topics, observe};
-use crate::pair::Listening;
+use crate::pair::{Listening, reached};
+use crate::places::Conversations;
 use crate::settings::{PlaceArgs, ServeArgs, state_folder};
 use command::{Answer, Failure, StopFlag};
 use std::net::{IpAddr, SocketAddr};
@@ -68,16 +69,13 @@ async fn run(args: &ServeArgs, place: &PlaceArgs, stop: &StopFlag, listens: impl
             certificate(&state, &stated)
         })
         .transpose()?;
-    let scheme = if secure { "https" } else { "http" };
-    let urls: Vec<String> =
-        addresses.iter().map(|address| format!("{scheme}://{}", SocketAddr::new(*address, port))).collect();
     let fingerprint = made.as_ref().map(|made| made.fingerprint.clone());
-    let listening = Listening { urls, fingerprint };
+    let listening = Listening { address: args.address, port, fingerprint };
     // Before it is said, so that a browser can be paired from then on.
     if let Err(failure) = listening.write(&state) {
         eprintln!("nims-page: `nims page pair` needs --url: {failure}");
     }
-    for url in &listening.urls {
+    for url in listening.urls() {
         eprintln!("nims-page: open {url}/");
     }
     if let Some(fingerprint) = &listening.fingerprint {
@@ -89,20 +87,22 @@ async fn run(args: &ServeArgs, place: &PlaceArgs, stop: &StopFlag, listens: impl
     }
     listens(listening);
     let topics = Arc::new(Topics::default());
+    let conversations = Arc::new(Conversations::default());
+    let known = Arc::clone(&conversations.known);
     let app = App {
         place: place.clone(),
         topics: Arc::clone(&topics),
         assets,
         downloads: Downloads::default(),
         names: names.clone(),
-        browsers: Arc::new(Semaphore::new(BROWSERS)),
+        conversations,
         stops: Places::default(),
         calibrations: Arc::new(Semaphore::new(1)),
     };
     tokio::select! {
         () = observe(Arc::clone(&topics), place.clone()) => {}
         () = gather(topics, place.clone()) => {}
-        () = listen(listener, made.map(|made| made.config), router(Arc::new(app)), names.into()) => {}
+        () = listen(listener, made.map(|made| made.config), router(Arc::new(app)), names.into(), known) => {}
         _ = interrupted.recv() => {}
         _ = terminated.recv() => {}
         _ = hung_up.recv() => {}
@@ -119,22 +119,4 @@ fn names(given: &[String]) -> Vec<String> {
     }
     names.extend(given.iter().map(|name| name.to_ascii_lowercase()));
     names
-}
-
-/// The addresses at which browsers reach this machine, those of networks first.
-fn reached(address: IpAddr) -> Vec<IpAddr> {
-    if !address.is_unspecified() {
-        return vec![address];
-    }
-    let found = if_addrs::get_if_addrs().unwrap_or_default();
-    let mut addresses: Vec<IpAddr> = found
-        .iter()
-        .map(if_addrs::Interface::ip)
-        .filter(|ip| ip.is_ipv4() || address.is_ipv6())
-        // Those of one link need its name too, which no browser accepts.
-        .filter(|ip| !matches!(ip, IpAddr::V6(six) if six.is_unicast_link_local()))
-        .collect();
-    addresses.sort_by_key(|ip| (ip.is_loopback(), ip.is_ipv6(), *ip));
-    addresses.dedup();
-    addresses
 }

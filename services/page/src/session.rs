@@ -3,7 +3,8 @@
 use crate::app::App;
 use crate::control::Control;
 use crate::fields::Fields;
-use crate::link::{self, Browser, Incoming, NoLink, Outgoing};
+use crate::link::{self, Browser, Incoming, NoLink, Outgoing, Welcome};
+use crate::places::{BROWSERS, UNPAIRED, Visit};
 use crate::protocol::{FromBrowser, ask, refusal, stops};
 use crate::setup::{self, Given};
 use crate::stops::Stops;
@@ -22,7 +23,7 @@ use std::fs::File;
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::{OwnedSemaphorePermit, broadcast, mpsc};
+use tokio::sync::{broadcast, mpsc};
 use tokio::time::{interval, timeout};
 
 /// Time in which a browser has to send `hello`.
@@ -56,33 +57,32 @@ fn locked(shared: &Both) -> MutexGuard<'_, Shared> {
 }
 
 /// Talks to a browser until one of them ends it.
-pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAddr>, place: OwnedSemaphorePermit) {
+pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAddr>, mut visit: Visit) {
     let (mut sink, mut stream) = socket.split();
     let Some(token) = hello(&mut stream).await else { return };
-    let (holder, anyone) = (Browser { token: token.clone(), from }, Browser { token: None, from });
-    let (link, refused) = match link::connect(app.place.place(), &holder).await {
-        // Only then does the browser forget its token: other failures pass.
-        Err(NoLink::TokenInvalid(sentence)) => (link::connect(app.place.place(), &anyone).await, Some(sentence)),
-        link => (link, None),
-    };
-    let (incoming, outgoing, welcome) = match link {
+    let (link, refused) = arrive(&app, token.clone(), from).await;
+    let paired = token.is_some() && refused.is_none();
+    let placed = link.map_err(|no_link| Failure::from(no_link).to_string()).and_then(|link| {
+        let full = || format!("{BROWSERS} pages are open already, or {UNPAIRED} that are not paired; close one");
+        visit.take_place(paired).then_some(link).ok_or_else(full)
+    });
+    let (incoming, outgoing, welcome) = match placed {
         Ok(link) => link,
-        Err(no_link) => {
-            let sentence = Failure::from(no_link).to_string();
+        Err(sentence) => {
             let _ = send(&mut sink, &json!({ "type": "unreachable", "sentence": sentence })).await;
             let _ = sink.close().await;
             return;
         }
     };
     let greeting = json!({ "type": "welcome", "robot": welcome.robot, "user": welcome.user, "role": welcome.role,
-        "paired": token.is_some() && refused.is_none(), "sentence": refused, "version": env!("CARGO_PKG_VERSION") });
+        "paired": paired, "sentence": refused, "version": env!("CARGO_PKG_VERSION") });
     if send(&mut sink, &greeting).await.is_err() {
         return;
     }
     let (local, answers) = mpsc::channel(WAITING);
     // A role that may not stop stops as the page, because that is open to every role.
     let stopping = Browser { token: token.filter(|_| refused.is_none() && welcome.role != "look"), from };
-    let stops = Stops::new(Arc::clone(&app), stopping, local.clone(), place);
+    let stops = Stops::new(Arc::clone(&app), stopping, local.clone(), visit);
     let (shared, control) = (Both::default(), Control::default());
     let flies = ["fly", "owner"].contains(&welcome.role.as_str());
     let (calls, queue) = mpsc::channel(QUEUED);
@@ -93,6 +93,25 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAd
         () = inbound.run() => {}
         () = outbound => {}
         () = write(outgoing, &control, queue, &shared, &local) => {}
+    }
+}
+
+/// Connects to the gateway with the browser's token; with the gateway's sentence and without the token if that is not
+/// valid.
+async fn arrive(
+    app: &App,
+    token: Option<String>,
+    from: Option<IpAddr>,
+) -> (Result<(Incoming, Outgoing, Welcome), NoLink>, Option<String>) {
+    // It is never closed.
+    let _turn = app.conversations.turn().acquire().await;
+    match link::connect(app.place.place(), &Browser { token, from }).await {
+        // Only then does the browser forget its token: other failures pass.
+        Err(NoLink::TokenInvalid(sentence)) => {
+            let anyone = Browser { token: None, from };
+            (link::connect(app.place.place(), &anyone).await, Some(sentence))
+        }
+        link => (link, None),
     }
 }
 

@@ -1,8 +1,9 @@
 //! The arguments of the page.
 
 use client::Place;
+use gateway_protocol::SOCKETS;
 use std::net::{IpAddr, Ipv4Addr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A robot on a tablet: a web page of the robot, over its gateway.
 #[derive(Debug, clap::Parser)]
@@ -11,6 +12,9 @@ pub struct Args {
     /// Which robot.
     #[command(flatten)]
     pub place: PlaceArgs,
+    /// Print one JSON object on stdout.
+    #[arg(long, global = true)]
+    pub json: bool,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -104,9 +108,22 @@ pub struct PairArgs {
     /// The page's address, such as https://10.0.0.1:8766; default: where the page of this state folder listens.
     #[arg(long, value_name = "URL")]
     pub url: Option<String>,
-    /// State folder of the page, as for `serve`.
+    /// State folder of the page, as for `serve`; default: that of the page's service (/var/lib/nims-page/NAME) where the
+    /// gateway is a service.
     #[arg(long, value_name = "FOLDER")]
     pub state: Option<PathBuf>,
+}
+
+/// The state folders of the pages that run as services (`nims-page@.service`).
+const OF_SERVICES: &str = "/var/lib/nims-page";
+
+/// The state folder of the page of the robot with this gateway.
+pub(crate) fn state_of(given: Option<&PathBuf>, gateway: Option<&Path>) -> PathBuf {
+    let service = gateway.filter(|socket| socket.parent() == Some(Path::new(SOCKETS))).and_then(Path::file_stem);
+    match (given, service) {
+        (None, Some(name)) => Path::new(OF_SERVICES).join(name),
+        _ => state_folder(given),
+    }
 }
 
 /// The folder of the certificate and of the page's address.
@@ -118,4 +135,20 @@ pub fn state_folder(given: Option<&PathBuf>) -> PathBuf {
         .cloned()
         .or_else(|| variable("STATE_DIRECTORY"))
         .unwrap_or_else(|| variable("XDG_STATE_HOME").unwrap_or_else(home).join("nims-page"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_of_a_service_has_the_state_folder_of_its_service() {
+        let of = |gateway: &str| state_of(None, Some(Path::new(gateway)));
+        assert_eq!(of("/run/nims-gateway/lab.sock"), Path::new("/var/lib/nims-page/lab"));
+        for other in ["/tmp/lab.sock", "/run/nims-gateway/below/lab.sock", "lab.sock"] {
+            assert_eq!(of(other), state_folder(None), "{other}");
+        }
+        let given = PathBuf::from("/tmp/page");
+        assert_eq!(state_of(Some(&given), Some(Path::new("/run/nims-gateway/lab.sock"))), given);
+    }
 }

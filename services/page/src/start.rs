@@ -1,6 +1,6 @@
 //! The page of a robot of this user in one command: a gateway of its own, the page, a paired browser.
 
-use crate::pair::{Listening, address, print_pairing};
+use crate::pair::{Listening, address, pairing};
 use crate::server::serve_with;
 use crate::settings::{PlaceArgs, StartArgs};
 use command::{Answer, Failure, StopFlag};
@@ -82,7 +82,7 @@ impl Drop for Gateway {
 ///
 /// # Errors
 /// The gateway cannot be started, or the page cannot be served.
-pub fn start(args: &StartArgs, place: &PlaceArgs) -> Answer {
+pub fn start(args: &StartArgs, place: &PlaceArgs, json: bool) -> Answer {
     bus::make_private();
     // A signal must not end this process before it has ended its gateway.
     let stop = command::stop_flag()?;
@@ -98,24 +98,27 @@ pub fn start(args: &StartArgs, place: &PlaceArgs) -> Answer {
         });
     }
     serve_with(&args.serve, &place, &stop, |listening| {
-        if let Err(failure) = introduce(&listening, &place, !args.no_browser) {
+        if let Err(failure) = introduce(&listening, &place, !args.no_browser, json) {
             eprintln!("nims-page: {failure}");
         }
     })
 }
 
 /// Prints how a browser is paired, and opens one where there is a desktop.
-fn introduce(listening: &Listening, place: &PlaceArgs, opens: bool) -> Answer {
+fn introduce(listening: &Listening, place: &PlaceArgs, opens: bool, json: bool) -> Answer {
     let gateway = client::gateway(place.place())?;
+    let url = listening.urls().into_iter().next().ok_or_else(|| {
+        Failure::NotNow("this machine has no address at which a browser reaches the page; give --address".to_owned())
+    })?;
     for holder in [HERE, TABLET] {
         // That of an earlier start.
         let _ = gateway.revoke_token(holder);
     }
-    print_pairing(listening, place, TABLET, "fly")?;
+    pairing((&url, listening.fingerprint.clone()), place, TABLET, "fly")?.print(json);
     let desktop =
         ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()));
     if opens && desktop {
-        let (address, ..) = address(listening, place, HERE, "fly")?;
+        let (address, ..) = address(&url, place, HERE, "fly")?;
         let mut command = Command::new("xdg-open");
         command.arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         if let Err(error) = command.spawn() {

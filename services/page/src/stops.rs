@@ -3,6 +3,7 @@
 
 use crate::app::App;
 use crate::link::{self, Browser, Incoming, Outgoing};
+use crate::places::Visit;
 use crate::protocol::{ask, refusal};
 use command::{Answer, Failure};
 use gateway_protocol::Reply;
@@ -11,7 +12,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
+use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 
 /// Time for a stop: its place, its connection and its answer.
@@ -123,7 +124,7 @@ pub(crate) struct Stops {
     browser: Browser,
     answers: mpsc::Sender<Value>,
     /// The browser's place, which it keeps until its last stop has ended.
-    place: Arc<OwnedSemaphorePermit>,
+    place: Arc<Visit>,
     /// By verb the presses that the stop under way answers.
     under_way: Arc<Mutex<BTreeMap<u8, Vec<u64>>>>,
     /// To the connection that is ready.
@@ -131,12 +132,7 @@ pub(crate) struct Stops {
 }
 
 impl Stops {
-    pub(crate) fn new(
-        app: Arc<App>,
-        browser: Browser,
-        answers: mpsc::Sender<Value>,
-        place: OwnedSemaphorePermit,
-    ) -> Self {
+    pub(crate) fn new(app: Arc<App>, browser: Browser, answers: mpsc::Sender<Value>, place: Visit) -> Self {
         let (ready, presses) = mpsc::channel(KINDS);
         tokio::spawn(keep_ready(Arc::clone(&app), browser.clone(), presses));
         Self { app, browser, answers, place: Arc::new(place), under_way: Arc::default(), ready }

@@ -102,6 +102,8 @@ fn a_code_pairs_one_browser_and_one_person_flies_at_a_time() {
     let paired = visitor.call(json!({ "call": "pair", "code": code.to_lowercase() }));
     let mut ada = rig.browser(paired["secret"].as_str());
     assert_eq!((&ada.welcome["user"], &ada.welcome["role"]), (&json!("ada"), &json!("fly")), "{paired}");
+    let tokens = rig.page_json(&["tokens"]);
+    assert_eq!((&tokens["tokens"][0]["name"], &tokens["tokens"][0]["role"]), (&json!("ada"), &json!("fly")));
     let mut bob = rig.browser(Some(&rig.token("bob", "fly")));
     ready(&mut ada, START);
     // Both see who flies, and who asks to take over; a stop is open to all.
@@ -495,12 +497,16 @@ fn a_hostile_browser_is_bounded_and_disturbs_no_other() {
     let mut long = rig.browser(None);
     long.try_send(&json!({ "call": "fly", "id": 1, "name": "x", "text": "x".repeat(1 << 20) }));
     long.until_closed();
-    // More browsers than there are places.
+    // More browsers than there are places for strangers, and with tokens that are none; a paired one finds another.
+    let token = rig.token("late", "fly");
+    let forged = "0".repeat(64);
     let mut open: Vec<Browser> = Vec::new();
-    while let Some(browser) = rig.try_browser(None) {
+    while let Some(browser) = rig.try_browser(Some(&forged).filter(|_| open.len() % 2 == 0).map(String::as_str)) {
         open.push(browser);
-        assert!(open.len() < 40, "no bound");
+        assert!(open.len() <= 16, "no bound");
     }
+    let paired = rig.try_browser(Some(&token)).expect("a place for the holder of a token");
+    assert_eq!(paired.welcome["paired"], true);
     honest.until_state("the honest one goes on", |state| state["mode"] == "disarmed");
     assert_eq!(honest.ask(plain("estop"))["accepted"], "accepted");
     honest.until_state("emergency stop", |state| state["mode"] == "emergency stop");

@@ -166,6 +166,14 @@ impl Rig {
         code.to_owned()
     }
 
+    /// The answer of a command of the page.
+    pub fn page_json(&self, args: &[&str]) -> Value {
+        let mut command = Command::new(program("nims-page"));
+        let output = command.args(args).arg("--json").arg("--gateway").arg(&self.socket).output().unwrap();
+        assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
     pub fn revoke(&self, holder: &str) {
         self.nims(&["token", "revoke", holder]);
     }
