@@ -79,7 +79,7 @@ export class RobotView {
         const { robot, welcome, link, state, events, seat, unpaired } = this.store;
         renew(this.pairing, JSON.stringify([welcome, unpaired, seat.flyer]), () => {
             const secret = h("input", { type: "text", autocomplete: "off", autocapitalize: "characters", spellcheck: "false", "aria-label": t("code") });
-            const words = welcome?.paired ? t("Paired as {user}, with the role {role}.", { user: welcome.user, role: welcome.role }) : t("Not paired: this browser may look and stop. To fly, run `nims page pair NAME` on the robot and enter the code that it prints, or open its address.");
+            const words = welcome?.paired ? t("Paired as {user}, with the role {role}.", { user: welcome.user, role: welcome.role }) : t("Not paired: this browser may look and stop. To fly, run `sudo nims page pair NAME` on the robot and enter the code that it prints, or open its address.");
             return [welcome?.sentence ?? unpaired ? h("p", { class: "bad" }, unpaired ?? welcome?.sentence ?? "") : null, h("p", {}, words), welcome?.paired
                 ? h("div", { class: "row" }, h("button", { class: "button", type: "button", click: () => this.conversation.unpair() }, t("End the pairing")),
                     seat.flyer === welcome.user ? h("button", { class: "button", type: "button", click: () => void this.conversation.seat("give") }, t("Fly no more")) : null)

@@ -42,7 +42,7 @@ export class Runs {
             h("p", { class: "soft" }, disk.quota ? t("Above {most} of runs the machine deletes the oldest ones.", { most: bytes(disk.quota) }) : t("The machine deletes no runs: the recording stops when the disk is full. Download and delete runs before; a quota is set in /etc/nims/quota.")),
         ] : []), ...this.oldest(reply.runs));
         const runs = reply.runs.toReversed(), rows = runs.slice(0, this.shown).map((run) => new Run(run, this.store, this.conversation, () => void this.load()));
-        this.list.replaceChildren(...(rows.length ? rows.map((row) => row.element) : [h("p", { class: "soft" }, t("no finished run yet; a run ends when the robot is switched off"))]),
+        this.list.replaceChildren(...(rows.length ? rows.map((row) => row.element) : [h("p", { class: "soft" }, t("no finished run yet; a run ends when the robot is switched off, or started again: `sudo systemctl restart nims@NAME`"))]),
             ...(runs.length > this.shown ? [h("button", { class: "button", type: "button", click: () => { this.shown += SHOWN; void this.load(); } }, t("Older runs"))] : []));
         // One after the other: the gateway opens a bounded number of files at once.
         for (const row of rows) await row.read();

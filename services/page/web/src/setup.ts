@@ -56,7 +56,7 @@ export class SetUp {
                 ...(kind === "side" ? [act(t("left"), "l"), act(t("right"), "r")] : []), ...(kind === "decision" ? [act(t("Use it anyway"), "keep"), act(t("Measure it again"), "again")] : []),
                 kind === "lengths" || kind === "confirm" ? act(t("Take the robot's lengths"), "capture") : null, kind === "lengths" ? act(t("No more points"), "done") : null, act(t("Help"), "help"),
             ],
-            asks: t("Store this calibration in the robot file on the robot? It flies with it from its next start; the robot file of before is kept."),
+            asks: t("Store this calibration in the robot file on the robot? It flies with it from its next start, `sudo systemctl restart nims@NAME` while it is disarmed; the robot file of before is kept."),
             words: ({ calibration, robot }) => (robot ? t("Or take the files: the robot file names the calibration.") : t("In [robot] of the robot file write calibration = '{name}' in place of anchors_m, and run `nims check` there.", { name: calibration?.name ?? "" })),
             file: () => `${this.name}.toml`,
         });
@@ -69,7 +69,7 @@ export class SetUp {
                 ...(kind === "up" ? [this.counted_ms() === null ? null : act(t("Take the robot's currents"), "watch"), this.begins(weight === true)] : []),
                 kind === "renew" ? act(t("More places"), "more") : null,
             ],
-            asks: t("Store the stiffness and the weight in the robot file on the robot? It flies with them from its next start; the robot file of before is kept."),
+            asks: t("Store the stiffness and the weight in the robot file on the robot? It flies with them from its next start, `sudo systemctl restart nims@NAME` while it is disarmed; the robot file of before is kept."),
             words: ({ robot }) => (robot ? t("Or take the file.") : t("Nothing new is determined: the robot file stays as it is.")),
             file: ({ name }) => name ?? "loads.toml",
         });
