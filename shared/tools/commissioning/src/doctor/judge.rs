@@ -69,7 +69,7 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
 fn as_owner(machine: &Machine) -> Option<String> {
     let owner = machine.runs.as_ref()?.owner.as_ref()?;
     Some(format!(
-        "the robot is that of the user {owner}, so examine it as this user: `sudo -u {owner} nims doctor SYSTEM`"
+        "the runs belong to the user {owner}, who runs the robot; examine it as this user: `sudo -u {owner} nims doctor SYSTEM`"
     ))
 }
 
