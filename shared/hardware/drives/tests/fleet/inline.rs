@@ -193,7 +193,7 @@ fn several_ports_and_one_that_cannot_run_inline_keep_their_threads() {
         let (buses, scripts): (Vec<_>, Vec<_>) = ports.into_iter().map(|(port, inline)| scripted(port, inline)).unzip();
         let mut fleet = Fleet::open(buses, Capabilities::NONE).unwrap();
         for _ in 0..50 {
-            cycle(&mut fleet);
+            let _ = cycle(&mut fleet);
             sleep_until(monotonic_ns() + MS / 10);
         }
         for calls in scripts.iter().map(|script| script.take_calls()) {
