@@ -9,7 +9,7 @@ mod token_calls;
 use crate::budget::Budget;
 use crate::codes::Codes;
 pub use crate::events::{Action, ClientId, Done, Event, Motion, OwnMessage, Question, Ticket, TokenChange};
-use crate::held::{Held, begins, end_of, is_old, may_begin};
+use crate::held::{Ends, Held, begins, end_of, is_old, may_begin};
 use crate::lane::is_stop;
 use crate::plugin::Verb;
 use crate::roles::{Peer, Role, Roles, deed, needed, requester};
@@ -118,7 +118,7 @@ pub struct Core {
     connections: BTreeMap<ClientId, Connection>,
     /// The calls that are being carried out.
     tickets: BTreeMap<Ticket, Asked>,
-    ends: holding::Ends,
+    ends: Ends,
     /// What motor-io did last.
     motion: Option<Motion>,
     /// It is observed.
@@ -147,7 +147,7 @@ impl Core {
             sensors: Sensors::default(),
             connections: BTreeMap::new(),
             tickets: BTreeMap::new(),
-            ends: holding::Ends::default(),
+            ends: Ends::default(),
             motion: None,
             observed: false,
             now_ns: 0,

@@ -3,6 +3,7 @@
 use crate::events::{Motion, Ticket};
 use messages::{MotorAuthority, OperatorRequest, Request, RequestAnswer};
 use robot_state::Reason;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Time without a sign of the client after which a held motion ends, and age from which a sign counts as none, ns.
 pub(crate) const SILENT_NS: u64 = 300_000_000;
@@ -27,6 +28,17 @@ pub(crate) struct Held {
     pub(crate) end: Request,
     beat_ns: u64,
     phase: Phase,
+}
+
+/// The ends of held motions that are under way, also for the case that this gateway does not come to them.
+#[derive(Debug, Default)]
+pub(crate) struct Ends {
+    /// What ends a motion that was released before its request was answered, by the call that requested it.
+    pub(crate) after: BTreeMap<Ticket, Box<OperatorRequest>>,
+    /// What was sent to end a motion and has no answer.
+    pub(crate) unanswered: BTreeSet<Ticket>,
+    /// The held motion for which a dead-man stop is deposited, and when that is renewed, ns.
+    pub(crate) deposited: Option<(Ticket, u64)>,
 }
 
 impl Held {

@@ -108,8 +108,8 @@ pub struct PairArgs {
     /// The page's address, such as https://10.0.0.1:8766; default: where the page of this state folder listens.
     #[arg(long, value_name = "URL")]
     pub url: Option<String>,
-    /// State folder of the page, as for `serve`; default: that of the page's service (/var/lib/nims-page/NAME) where the
-    /// gateway is a service.
+    /// State folder of the page, as for `serve`; default: that of the page's service (/var/lib/nims-page/NAME) where
+    /// the gateway is a service.
     #[arg(long, value_name = "FOLDER")]
     pub state: Option<PathBuf>,
 }

@@ -10,17 +10,6 @@ const SEEN_NS: u64 = 300_000_000;
 /// Time after which a dead-man stop is renewed, ns: several times before it is due.
 const RENEW_NS: u64 = SILENT_NS / 6;
 
-/// The ends of held motions that are under way, also for the case that this gateway does not come to them.
-#[derive(Debug, Default)]
-pub(super) struct Ends {
-    /// What ends a motion that was released before its request was answered, by the call that requested it.
-    after: std::collections::BTreeMap<Ticket, Box<OperatorRequest>>,
-    /// What was sent to end a motion and has no answer.
-    unanswered: std::collections::BTreeSet<Ticket>,
-    /// The held motion for which a dead-man stop is deposited, and when that is renewed, ns.
-    deposited: Option<(Ticket, u64)>,
-}
-
 impl Connection {
     /// The request that ends the held motion, in the name of its client.
     fn end(&self, held: &Held) -> Option<Box<OperatorRequest>> {
