@@ -308,7 +308,7 @@ fn what_the_sensor_logger_did_not_record_is_computed() {
     // At each border between the two, samples of at most two seconds are missing.
     let samples = |told: &Value| told["samples"].as_u64().unwrap();
     assert!(samples(&told) + 3 * 110 > samples(&complete) && samples(&told) <= samples(&complete), "{told}");
-    assert!(told["computed"].as_u64().unwrap() > 1000, "{told}");
+    assert!(told["computed"].as_u64().unwrap() > 800, "{told}");
     let (a, b) = (cells(&parts, "range"), cells(&all, "range"));
     assert!(a.len() * 100 >= b.len() * 98, "{} of {} cells", a.len(), b.len());
 }

@@ -217,8 +217,8 @@ fn both_templates_expect_any_reading_of_a_cable_until_it_has_one() {
         let silent_s = if length(0).is_none() { 0.01 * (cycle - 3) as f64 } else { 0.0 };
         lines.push(serde_json::json!({
             "cycle": cycle, "instant_ns": cycle * 10_000_000 + 4_000_000, "lengths_m": [length(0), length(1), length(2)],
-            "sampled_ns": [cycle * 10_000_000; 3], "ahead_s": [0.004 + silent_s, 0.004, 0.004], "commands_m_s": [0.1; 3], "forget": false,
-            "expect_anything": cycle == 4,
+            "sampled_ns": vec![cycle * 10_000_000; 3], "ahead_s": [0.004 + silent_s, 0.004, 0.004],
+            "commands_m_s": vec![0.1; 3], "forget": false, "expect_anything": cycle == 4,
         }));
     }
     let asked: String = lines.iter().map(|line| format!("{line}\n")).collect();
@@ -300,7 +300,7 @@ fn a_robot_with_an_identified_file_flies_with_changed_values_and_its_runs_have_i
     let folder = tempfile::tempdir().unwrap();
     let system = with_identified(folder.path());
     let run = |options: &[&str]| {
-        let words = ["sim", system.to_str().unwrap(), "--longest", "12"].into_iter().chain(options.iter().copied());
+        let words = ["sim", system.to_str().unwrap()].into_iter().chain(options.iter().copied());
         nims_sim::run(&Cli::parse_from(words).args)
     };
     let out = folder.path().join("flights");
