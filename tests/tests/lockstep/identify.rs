@@ -100,7 +100,8 @@ fn what_is_stated_covers_the_truth() {
         let bias = of_it.iter().map(|one| one.value - one.truth).sum::<f64>() / of_it.len() as f64;
         let [one, two] = [1.0, 2.0].map(|sigmas| covered(&of_it, sigmas));
         println!(
-            "{what}: {} values, off by {rms:.5} (RMS), {bias:.5} (mean), stated {sigma:.5}, within 1 sigma {one:.2}, 2 sigma {two:.2}",
+            "{what}: {} values, off by {rms:.5} (RMS), {bias:.5} (mean), stated {sigma:.5}, within 1 sigma {one:.2}, \
+             2 sigma {two:.2}",
             of_it.len()
         );
         assert!(two >= 0.95, "{what}: {two} within two standard deviations");

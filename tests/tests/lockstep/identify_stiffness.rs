@@ -46,7 +46,8 @@ const CASES: [Case; 8] = [
 
 /// A mission over most of the place, at two heights.
 const WIDE: &str = "name = \"wide\"\nspeed_m_s = 0.3\n[[leg]]\npolyline = { points_m = [[2.5, 2.5, 0.8], \
-                    [7.5, 2.5, 0.8], [7.5, 6.5, 0.8], [2.5, 6.5, 0.8], [2.5, 2.5, 1.6], [7.5, 6.5, 1.6], [4.8, 3.0, 0.3]] }\n";
+                    [7.5, 2.5, 0.8], [7.5, 6.5, 0.8], [2.5, 6.5, 0.8], [2.5, 2.5, 1.6], [7.5, 6.5, 1.6], \
+                    [4.8, 3.0, 0.3]] }\n";
 
 fn mission(name: &str, file: &SystemFile) -> Mission {
     if name == "wide" {
@@ -175,7 +176,7 @@ fn said(case: &Case, seed: u64) -> Option<Said> {
 
 #[test]
 fn a_stated_stiffness_covers_the_truth() {
-    let first = number("NIMS_FIRST_WORLD", FIRST_WORLD);
+    let first = number("NIMS_SEED", FIRST_WORLD);
     let (mut given, mut within) = (0, [0, 0]);
     for case in &CASES {
         let all: Vec<Said> = (first..first + number("NIMS_WORLDS", 2)).filter_map(|seed| said(case, seed)).collect();

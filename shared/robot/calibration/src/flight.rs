@@ -36,8 +36,8 @@ const BETTER: f64 = 0.7;
 /// What the model leaves out, as a share of the stiffness (`tests/tests/lockstep/identify_stiffness.rs`).
 pub const MODEL: f64 = 0.03;
 
-/// Time after which residuals of currents are taken for independent, s. In drawn worlds the correlation of those a fifth
-/// of a second apart is below 0.2; what changes more slowly is in the jackknife.
+/// Time after which residuals of currents are taken for independent, s. In drawn worlds the correlation of those
+/// a fifth of a second apart is below 0.2; what changes more slowly is in the jackknife.
 const INDEPENDENT_S: f64 = 0.5;
 
 /// Fewest readings of the current of each moving cable.
@@ -46,7 +46,7 @@ const LEAST_READINGS: usize = 40;
 /// Most instants that are used; more of the same flight say the same.
 const MOST_PARTS: usize = 300;
 
-/// Rounds in which the noise of the currents is estimated anew, and steps in each.
+/// Rounds in which the noise of the currents is estimated again, and steps in each.
 const ROUNDS: usize = 4;
 const STEPS: usize = 6;
 
@@ -62,7 +62,7 @@ const TENTHS: usize = 10;
 pub struct FlightPart {
     /// Middle of it, s.
     pub time_s: f64,
-    /// Lengths by the encoders, m, as if they had never been set anew.
+    /// Lengths by the encoders, m, as if they had been set once only.
     pub lengths_m: CableVec,
     /// Modelled tension times cable that has passed the idlers since the beginning, N m; positive where it was paid
     /// out.
@@ -152,9 +152,9 @@ fn judge(stated_n: f64, stated_share: f64, fit: &Fit) -> FlightStiffness {
         Found::Determined { value: estimate_n, std: estimate_n * left }
     } else {
         Found::Undetermined(format!(
-            "this run leaves it uncertain by {:.0} %, and {:.0} % are needed; other pretensions at the same places tell \
-             more (jog one cable in by 2 cm, zero there again, fly the same mission once more, and the same after a jog of \
-             4 cm out, all in one run), as does a known weight (`nims loads`)",
+            "this run leaves it uncertain by {:.0} %, and {:.0} % are needed; other pretensions at the same places \
+             tell more (jog one cable in by 2 cm, zero there again, fly the same mission once more, and the same after \
+             a jog of 4 cm out, all in one run), as does a known weight (`nims loads`)",
             100.0 * left,
             100.0 * needed
         ))

@@ -8,7 +8,7 @@ const LONGEST_S: f64 = 600.0;
 /// What is kept of a rest after a motion, and before the next one, s: far longer than delay and lag.
 const REST_S: f64 = 5.0;
 
-/// Step of a length at rest, in one cycle, from which it was set anew, m: more than the drives settle by. The cycles
+/// Step of a length at rest, in one cycle, from which it was set again, m: more than the drives settle by. The cycles
 /// beside it have less than the other one.
 const SET_M: f64 = 0.0005;
 const STILL_M: f64 = 0.0002;
@@ -138,7 +138,7 @@ impl Stretch {
     }
 }
 
-/// Undoes that lengths were set anew while all cables rested: no cable moved then.
+/// Undoes that lengths were set again while all cables rested: no cable moved then.
 fn undo_setting(cables: &mut [Record]) {
     let cycles = cables.iter().map(Record::len).min().unwrap_or(0);
     let largest_m = |cables: &[Record], k: usize| {
