@@ -42,7 +42,7 @@ impl Machine {
         // What it is asked goes to a file; it answers from another one.
         let asked = r#"echo "$(basename "$0") $*" >>"$NIMS_ROOT/asked""#;
         let answer =
-            r#"case "$*" in list-units*) cat "$NIMS_ROOT/units" ;; *is-enabled*) test -e "$NIMS_ROOT/enabled" ;; esac"#;
+            r#"case "$*" in list-units*) cat "$NIMS_ROOT/units" ;; *is-enabled*) test -e "$NIMS_ROOT/enabled" ;; "stop nims-page"*) test ! -e "$NIMS_ROOT/late" || mv "$NIMS_ROOT/late" "$NIMS_ROOT/mode-lab" ;; esac"#;
         for command in ["systemctl", "systemd-sysusers", "systemd-tmpfiles", "deb-systemd-helper", "udevadm"] {
             program(&machine.path("fake").join(command), &format!("{asked}\n{answer}"));
         }
@@ -229,8 +229,35 @@ fn the_package_is_removed_only_while_no_robot_is_armed() {
     let output = machine.script("prerm", &["remove"]);
     assert!(output.status.success(), "{}", printed(&output));
     let asked = machine.asked();
-    assert!(asked[0].starts_with("systemctl stop nims@*.service"), "{asked:?}");
-    assert!(asked.last().unwrap().contains("nims-gateway@*.service"), "{asked:?}");
+    let place = |words: &str| asked.iter().position(|line| line.starts_with(words)).expect(words);
+    assert!(place("systemctl stop nims-page@*") < place("systemctl stop nims@*"), "{asked:?}");
+    assert!(place("systemctl stop nims@*") < place("systemctl stop run-nims-shm.mount"), "{asked:?}");
+}
+
+#[test]
+fn a_robot_that_is_armed_during_a_removal_stays() {
+    let machine = Machine::with(NEW);
+    machine.robot(10, NEW, "lab", "disarmed");
+    fs::write(machine.path("units"), "nims-gateway@lab.service loaded active running nims\n").unwrap();
+    fs::write(machine.path("late"), "{\"mode\":\"holding\"}").unwrap();
+    let output = machine.script("prerm", &["remove"]);
+    assert!(output.status.code() == Some(1) && printed(&output).contains("lab"), "{}", printed(&output));
+    let asked = machine.asked();
+    assert!(!asked.iter().any(|line| line.starts_with("systemctl stop nims@")), "{asked:?}");
+    assert_eq!(asked.last().unwrap(), "systemctl start nims-gateway@lab.service");
+}
+
+#[test]
+fn a_version_comes_back_after_an_interrupted_copy() {
+    let machine = Machine::with(OLD);
+    let version = machine.path("opt/nims").join(OLD);
+    fs::rename(&version, machine.path(&format!("opt/nims/.old-{OLD}"))).unwrap();
+    assert!(machine.nims_version(&["settle"]).status.success());
+    assert!(version.join("bin/nims").exists());
+    // One that was replaced before the interruption is removed.
+    fs::create_dir(machine.path(&format!("opt/nims/.old-{OLD}"))).unwrap();
+    assert!(machine.nims_version(&["settle"]).status.success());
+    assert!(version.join("bin/nims").exists() && !machine.path(&format!("opt/nims/.old-{OLD}")).exists());
 }
 
 #[test]
