@@ -102,9 +102,9 @@ impl Capabilities {
 /// * **Interlock.** A unit that was lost or restarted is [`Error::Interlocked`] until one command that does not move it
 ///   was accepted.
 /// * **Inline.** A bus that [can run inline](DriveBus::can_run_inline) and was told to does not wait beyond the
-///   deadline of a call, neither opens nor closes its device, and does nothing else that a broken device can block. A later call
-///   continues to wait for an answer that was not there in time. After a loss it is told to leave this mode, and closes
-///   the device then.
+///   deadline of a call, but for up to 10 ms where the whole machine stood still during it. It neither opens nor closes
+///   its device, and does nothing else that a broken device can block. A later call continues to wait for an answer
+///   that was not there in time. After a loss it is told to leave this mode, and closes the device then.
 /// * **Allocation.** [`exchange`](DriveBus::exchange) and [`spend`](DriveBus::spend) do not allocate.
 pub trait DriveBus: Send {
     /// The port's name, as the operator configured it.

@@ -193,7 +193,7 @@ impl<T: Transport> Bus<T> {
         Ok(got)
     }
 
-    fn fill(&mut self, buffer: &mut [u8], least: usize, deadline_ns: u64) -> Result<usize, Error> {
+    pub(super) fn fill(&mut self, buffer: &mut [u8], least: usize, deadline_ns: u64) -> Result<usize, Error> {
         self.transport.fill_at_least(buffer, least, deadline_ns).map_err(|error| self.port_failed(error))
     }
 

@@ -67,7 +67,12 @@ impl<T: Transport> Bus<T> {
         let left = late.wanted - late.got;
         let mut room = [0; MAX_PACKET + 1];
         // A byte more than is missing shows that the port is not empty.
-        let got = self.fill_awake(&mut room[..=left], left, late.until_ns.min(deadline_ns))?;
+        let until_ns = late.until_ns.min(deadline_ns);
+        // A call that begins after the wait has ended is no sign that the machine stood still.
+        let got = match self.transport.now_ns() < until_ns {
+            true => self.fill_awake(&mut room[..=left], left, until_ns)?,
+            false => self.fill(&mut room[..=left], left, until_ns)?,
+        };
         let late = late.with(room.get(..got.min(left)).unwrap_or_default());
         let now_ns = self.transport.now_ns();
         if got < left && now_ns < late.until_ns {
