@@ -270,11 +270,19 @@ struct Undecided {
 
 impl Undecided {
     fn is_recorded(&mut self, stamp_ns: u64) {
+        self.forget_before(stamp_ns);
         match self.recorded.back_mut() {
             Some([from_ns, to_ns]) if is_near([*from_ns, *to_ns], stamp_ns) => {
                 (*from_ns, *to_ns) = ((*from_ns).min(stamp_ns), (*to_ns).max(stamp_ns));
             }
             _ => self.recorded.push_back([stamp_ns; 2]),
+        }
+    }
+
+    /// Drops the stretches long before a sample: they are no neighbours of later samples either.
+    fn forget_before(&mut self, stamp_ns: u64) {
+        while self.recorded.front().is_some_and(|[_, to_ns]| to_ns.saturating_add(LONG_NS) < stamp_ns) {
+            self.recorded.pop_front();
         }
     }
 
@@ -285,10 +293,7 @@ impl Undecided {
                 return None;
             }
             let stamp_ns = sample.header.stamp_ns;
-            // Stretches long before it are no neighbours of later samples either.
-            while self.recorded.front().is_some_and(|[_, to_ns]| to_ns.saturating_add(LONG_NS) < stamp_ns) {
-                self.recorded.pop_front();
-            }
+            self.forget_before(stamp_ns);
             let known = self.recorded.iter().any(|stretch| is_near(*stretch, stamp_ns));
             let (_, sample) = self.computed.pop_front()?;
             if !known {
