@@ -131,7 +131,7 @@ fn ports_come_up_go_and_come_back_one_by_one() {
     two.jack.lock().unwrap().unplug();
     let reply = until(&mut fleet, PATIENCE_NS, RUN, |reply| reply.ports[1].lost.is_some());
     assert!(reply.units[2].outcome.as_ref().is_err_and(Error::is_lost), "{reply:?}");
-    assert!(reply.units[..2].iter().all(|unit| unit.outcome.is_ok()), "the other port continues");
+    assert!(reply.units[..2].iter().all(|unit| unit.outcome.is_ok()), "the other port continues: {reply:?}");
 
     two.jack.lock().unwrap().plug().unwrap();
     let interlocked = |reply: &FleetReply| {
