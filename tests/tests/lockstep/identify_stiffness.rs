@@ -1,7 +1,7 @@
 //! `nims identify` on the stiffness of the cables: flights in drawn worlds, whose truth it does not read.
 //!
 //! The table of docs/identification.md: `NIMS_WORLDS=12 cargo test -p nims-tests --test lockstep
-//! identify_stiffness -- --nocapture`.
+//! identify_stiffness -- --nocapture`; `NIMS_SEED` is the first world.
 
 use std::path::{Path, PathBuf};
 
@@ -33,7 +33,7 @@ struct Case {
 const TIGHTER: [(u8, f64); 1] = [(1, -0.02)];
 const BOTH: [(u8, f64); 2] = [(1, -0.02), (1, 0.04)];
 
-const CASES: [Case; 8] = [
+const CASES: [Case; 7] = [
     Case { name: "3 cables, demo", system: "demo3", mission: "demo", jogs_m: &[] },
     Case { name: "3 cables, polyline", system: "demo3", mission: "polyline", jogs_m: &[] },
     Case { name: "4 cables, demo", system: "demo4", mission: "demo", jogs_m: &[] },
@@ -41,7 +41,6 @@ const CASES: [Case; 8] = [
     Case { name: "4 cables, demo, tightened", system: "demo4", mission: "demo", jogs_m: &TIGHTER },
     Case { name: "4 cables, demo, tightened and loosened", system: "demo4", mission: "demo", jogs_m: &BOTH },
     Case { name: "4 cables, up and down, both", system: "demo4", mission: "motors", jogs_m: &BOTH },
-    Case { name: "4 cables in a plane, in water", system: "aq4", mission: "cross-section", jogs_m: &[] },
 ];
 
 /// A mission over most of the place, at two heights.
@@ -191,12 +190,7 @@ fn pretensions_tell() {
 
 #[test]
 fn pretensions_of_motions_up_and_down_tell() {
-    assert!(judge(&CASES[6..7]) > 0);
-}
-
-#[test]
-fn preload_alone_hardly_tells() {
-    judge(&CASES[7..]);
+    assert!(judge(&CASES[6..]) > 0);
 }
 
 /// Flies cases in worlds, and returns how many values are given; they cover the truth.
