@@ -246,7 +246,8 @@ mod tests {
         ) {
             let root = Matrix3::from_columns(&rows);
             let m = (root * root.transpose() + Matrix3::identity() * (shift * shift)) * libm::pow(10.0, size);
-            if let (Some(found), Some(expected)) = (SymmetricInverse::by_cofactors(&m), SymmetricInverse::by_cholesky(&m)) {
+            let both = SymmetricInverse::by_cofactors(&m).zip(SymmetricInverse::by_cholesky(&m));
+            if let Some((found, expected)) = both {
                 let (found, expected) = (found.matrix(), expected.matrix());
                 prop_assert!((found - expected).amax() <= 1e-10 * expected.amax(), "{found} {expected}");
             }

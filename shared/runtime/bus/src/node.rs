@@ -43,8 +43,8 @@ const CLEANING_PAUSE: Duration = Duration::from_millis(20);
 /// Largest number of notifiers, of listeners and of processes of a channel's event, which may have one notifier more
 /// than publishers, that of a successor.
 const EVENT_PORTS: usize = 64;
-/// Largest event id: all notifiers have the one that iceoryx2 gives by default. A listener that wakes up clears a counter
-/// for each possible one, which are 256 if another program has created the event.
+/// Largest event id: all notifiers have the one that iceoryx2 gives by default. A listener that wakes up clears a
+/// counter for each possible one, which are 256 if another program has created the event.
 const MOST_EVENT_ID: usize = 0;
 /// Samples that a publisher loans at once: it fills one and sends it.
 pub(crate) const LOANS: usize = 1;

@@ -17,8 +17,8 @@ const LEAST_SQUARE: f64 = 1e-8;
 /// Most |n|², because columns that are no unit vectors could overflow it.
 const MOST_SQUARE: f64 = 1e8;
 
-/// The columns of the (pseudo-)inverse of the matrix with these rows; None for another number of rows than three or four,
-/// and if they are nearly dependent.
+/// The columns of the (pseudo-)inverse of the matrix with these rows; None for another number of rows than three or
+/// four, and if they are nearly dependent.
 #[inline(always)]
 pub(super) fn inverse(rows: &[Vector3<f64>]) -> Option<[Vector3<f64>; MAX_CABLES]> {
     let mut columns = [Vector3::zeros(); MAX_CABLES];

@@ -63,12 +63,16 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn value() -> impl Strategy<Value = f64> {
+        prop_oneof![Just(1.0), -2.0..2.0f64, (-6.0..0.0f64).prop_map(|e| libm::pow(10.0, e))]
+    }
+
     proptest! {
         /// Also with equal eigenvalues, and with a stiffness that is 1e6 times another.
         #[test]
         fn eigenvectors_are_orthonormal_and_scaled_by_their_eigenvalues(
             turn in [-1.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64].prop_map(Vector3::from),
-            expected in proptest::array::uniform3(prop_oneof![Just(1.0), -2.0..2.0f64, (-6.0..0.0f64).prop_map(|e| libm::pow(10.0, e))]),
+            expected in proptest::array::uniform3(value()),
             size in -3.0..6.0f64,
         ) {
             let turn = nalgebra::Rotation3::new(turn * 3.0).into_inner();

@@ -125,7 +125,8 @@ proptest! {
         let (free, expected) = (least_norm_unbounded(&s, &b).unwrap(), all.least_norm_unbounded(b.as_slice()).unwrap());
         prop_assert!(close(&free, &expected), "{free:?} {expected:?}");
         let (inverse, expected) = (jacobian.node_jacobian().unwrap(), all.pseudo_inverse().unwrap());
-        let inverse: Vec<f64> = inverse.iter().flat_map(|column| (-column).iter().copied().collect::<Vec<_>>()).collect();
+        let rows = inverse.iter().map(|column| <[f64; 3]>::from(-column));
+        let inverse: Vec<f64> = rows.flatten().collect();
         let expected: Vec<f64> = expected[..4].iter().flat_map(|row| row[..3].to_vec()).collect();
         prop_assert!(close(&inverse, &expected), "{inverse:?} {expected:?}");
     }
