@@ -147,13 +147,10 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
                     },
                 )
             }
-            Job::Doctor(system, supervisor) => Outcome::Done(
-                ticket,
-                match make::doctor(&system, supervisor) {
-                    Ok(findings) => reply(Reply::Findings { id: 0, findings }),
-                    Err(reason) => Done::Answer(Box::new(reason.answer())),
-                },
-            ),
+            Job::Doctor(system, supervisor) => {
+                let found = make::doctor(&system, supervisor).map(|findings| Reply::Findings { id: 0, findings });
+                Outcome::Done(ticket, replied(found))
+            }
             Job::RobotFile { system, domain, texts, asked } => {
                 Outcome::Done(ticket, answered(robot_file::store(&system, &domain, &texts, asked.elapsed())))
             }
@@ -172,8 +169,12 @@ fn work(folder: &std::path::Path, jobs: &Receiver<(Ticket, Job)>, done: &Sender<
 }
 
 fn changed(result: Result<(), Box<Reason>>) -> Done {
+    replied(result.map(|()| Reply::Done { id: 0 }))
+}
+
+fn replied(result: Result<Reply, Box<Reason>>) -> Done {
     match result {
-        Ok(()) => Done::Reply(Box::new(Reply::Done { id: 0 }), Vec::new(), None),
+        Ok(reply) => Done::Reply(Box::new(reply), Vec::new(), None),
         Err(reason) => Done::Answer(Box::new(reason.answer())),
     }
 }

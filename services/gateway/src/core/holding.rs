@@ -98,19 +98,19 @@ impl Core {
         let held = self.connections.values().filter_map(|one| Some((one, one.held.as_ref().filter(guards)?)));
         let newest = held.max_by_key(|(_, held)| (held.end == Request::Stop, held.ticket));
         match newest.and_then(|(one, held)| Some((held.ticket, one.end(held)?))) {
-            Some((ticket, request)) => {
-                if deposited.is_none_or(|(of, renew_ns)| of != ticket || self.now_ns >= renew_ns) {
-                    self.ends.deposited = Some((ticket, self.now_ns + RENEW_NS));
-                    // First, so that it is there before the motion.
-                    self.actions.insert(0, Action::Deposit { due_ns: self.now_ns + SILENT_NS, request });
-                }
+            Some((ticket, request))
+                if deposited.is_none_or(|(of, renew_ns)| of != ticket || self.now_ns >= renew_ns) =>
+            {
+                self.ends.deposited = Some((ticket, self.now_ns + RENEW_NS));
+                // First, so that it is there before the motion.
+                self.actions.insert(0, Action::Deposit { due_ns: self.now_ns + SILENT_NS, request });
             }
             // It stays until the end of the motion is answered.
             None if deposited.is_some() && self.ends.unanswered.is_empty() => {
                 self.ends.deposited = None;
                 self.actions.push(Action::Withdraw);
             }
-            None => {}
+            _ => {}
         }
     }
 
