@@ -41,8 +41,7 @@ impl Machine {
         }
         // What it is asked goes to a file; it answers from another one.
         let asked = r#"echo "$(basename "$0") $*" >>"$NIMS_ROOT/asked""#;
-        let answer =
-            r#"case "$*" in list-units*) cat "$NIMS_ROOT/units" ;; *is-enabled*) test -e "$NIMS_ROOT/enabled" ;; "stop nims-page"*) test ! -e "$NIMS_ROOT/late" || mv "$NIMS_ROOT/late" "$NIMS_ROOT/mode-lab" ;; esac"#;
+        let answer = r#"case "$*" in list-units*) cat "$NIMS_ROOT/units" ;; *is-enabled*) test -e "$NIMS_ROOT/enabled" ;; "stop nims-page"*) test ! -e "$NIMS_ROOT/late" || mv "$NIMS_ROOT/late" "$NIMS_ROOT/mode-lab" ;; esac"#;
         for command in ["systemctl", "systemd-sysusers", "systemd-tmpfiles", "deb-systemd-helper", "udevadm"] {
             program(&machine.path("fake").join(command), &format!("{asked}\n{answer}"));
         }

