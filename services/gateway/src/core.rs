@@ -191,6 +191,7 @@ impl Core {
                 }
             }
             Event::Answered { ticket, reply } => self.answered(ticket, reply),
+            Event::Undeposited { ticket } => self.undeposited(ticket),
             Event::Stored { change, stored } => self.stored(*change, stored),
             Event::Ending => self.release_all(),
             Event::Tick => {
@@ -468,7 +469,7 @@ impl Core {
             Done::Answer(answer) => Some(&**answer),
             Done::Reply(..) => None,
         };
-        self.end_answered(ticket, answer.is_some_and(may_begin));
+        self.end_answered(ticket, answer, answer.is_some_and(may_begin));
         let Some(Asked { client, id, counts, begins }) = self.tickets.remove(&ticket) else { return };
         if begins && answer.is_some_and(|answer| answer.accepted == OperatorRequest::ACCEPTED) {
             // What was held and accepted before it has ended.

@@ -42,6 +42,11 @@ pub enum Event<'a> {
         /// The reply, whose `id` is filled in here.
         reply: Done,
     },
+    /// The request of a held motion was not sent, because its dead-man stop could not be deposited.
+    Undeposited {
+        /// The number of its call.
+        ticket: Ticket,
+    },
     /// A change of the tokens was stored, or could not be.
     Stored {
         /// The change.
@@ -116,6 +121,8 @@ pub enum Action {
     },
     /// Deposit with motor-io a request that it carries out unless this is repeated, or withdrawn, before.
     Deposit {
+        /// The call that requests the motion which it ends. That is not sent without a deposit.
+        ticket: Ticket,
         /// When it is due, ns.
         due_ns: u64,
         /// The request with its sender.

@@ -8,6 +8,9 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Time without a sign of the client after which a held motion ends, and age from which a sign counts as none, ns.
 pub(crate) const SILENT_NS: u64 = 300_000_000;
 
+/// Numbers of the reasons that the gateway gives, as `robot_state::Reason` lists them.
+const OF_GATEWAY: std::ops::Range<u16> = 450..500;
+
 /// How far a held motion has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
@@ -33,12 +36,25 @@ pub(crate) struct Held {
 /// The ends of held motions that are under way, also for the case that this gateway does not come to them.
 #[derive(Debug, Default)]
 pub(crate) struct Ends {
-    /// What ends a motion that was released before its request was answered, by the call that requested it.
+    /// What ends a motion that was released before its request was answered, by the call that requested it: also a
+    /// second time, because motor-io may take up the motion after its end.
     pub(crate) after: BTreeMap<Ticket, Box<OperatorRequest>>,
     /// What was sent to end a motion and has no answer.
     pub(crate) unanswered: BTreeSet<Ticket>,
-    /// The held motion for which a dead-man stop is deposited, and when that is renewed, ns.
-    pub(crate) deposited: Option<(Ticket, u64)>,
+    /// An end did not reach motor-io, so what is deposited is left to fall due.
+    pub(crate) lost: bool,
+    pub(crate) deposited: Option<Deposited>,
+}
+
+/// The dead-man stop that is deposited with motor-io.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Deposited {
+    /// The call that requested its motion.
+    pub(crate) ticket: Ticket,
+    /// When it is renewed, ns.
+    pub(crate) renew_ns: u64,
+    /// When motor-io carries it out, ns.
+    pub(crate) due_ns: u64,
 }
 
 impl Held {
@@ -95,6 +111,11 @@ pub(crate) fn may_begin(answer: &RequestAnswer) -> bool {
     answer.accepted == OperatorRequest::ACCEPTED || answer.reason == unknown
 }
 
+/// Whether the gateway itself has made an answer to a request: the request may not have reached its process.
+pub(crate) fn is_of_gateway(answer: &RequestAnswer) -> bool {
+    OF_GATEWAY.contains(&answer.reason)
+}
+
 impl Motion {
     /// The number of the motion that motor-io has, also a paused one; 0: a jog. `None`: none.
     pub(crate) fn under_way(self) -> Option<u32> {
@@ -118,4 +139,20 @@ pub(crate) fn end_of(request: &Request) -> Option<Request> {
 /// Whether a request begins a motion, so that no other one is under way once it is accepted.
 pub(crate) fn begins(request: &Request) -> bool {
     matches!(request, Request::Jog { .. } | Request::Goto { .. } | Request::Run { .. })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use robot_state::answers::detail;
+
+    #[test]
+    fn the_reasons_of_the_gateway_are_told_from_those_of_motor_io() {
+        let why = || detail("");
+        let own = [Reason::RobotUnreached { why: why() }, Reason::NotAsked { why: why() }, Reason::RequesterGone];
+        assert!(own.iter().all(|reason| is_of_gateway(&reason.answer())));
+        let others = [Reason::Stopping, Reason::JogEnds, Reason::RobotJogging, Reason::EndedByDisarm];
+        assert!(!others.iter().any(|reason| is_of_gateway(&reason.answer())));
+        assert!(!is_of_gateway(&RequestAnswer::default()));
+    }
 }

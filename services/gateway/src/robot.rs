@@ -35,7 +35,6 @@ struct Joined {
     outlet: Option<Outlet>,
     /// Created first and dropped last of the two: the places reserved for a stop.
     lanes: BTreeMap<String, Lane>,
-    deadman: deadman::Sender,
     members: Bus,
     guests: Bus,
 }
@@ -47,6 +46,8 @@ pub(crate) struct Robot {
     /// The gateway's own socket.
     socket: PathBuf,
     joined: Option<Joined>,
+    /// The same one in each life of the robot: motor-io may survive its supervisor, and then has what was deposited.
+    deadman: Option<deadman::Sender>,
     hub: Hub,
     stops: Vec<(Vec<Ticket>, Attempt)>,
     /// The last call that stops the robot.
@@ -74,6 +75,7 @@ impl Robot {
             domain,
             socket,
             joined: None,
+            deadman: None,
             hub,
             stops,
             stopped: 0,
@@ -298,19 +300,31 @@ impl Robot {
         Ok(())
     }
 
-    /// Deposits with motor-io what it does at that instant unless this is called again before. Where no motor-io reads
-    /// it, nothing moves.
-    pub(crate) fn deposit(&self, due_ns: u64, request: &OperatorRequest) {
-        if let Some(joined) = &self.joined {
-            joined.deadman.deposit(joined.guests.domain(), request, due_ns);
-        }
+    /// Deposits with motor-io what it does at that instant unless this is called again before. Returns false if it
+    /// could not be sent, perhaps because the queue of motor-io is full. Without a robot nothing moves.
+    pub(crate) fn deposit(&mut self, due_ns: u64, request: &OperatorRequest) -> bool {
+        let Some(joined) = &self.joined else { return true };
+        let sender = match &self.deadman {
+            Some(sender) => sender,
+            None => match deadman::Sender::new() {
+                Ok(sender) => self.deadman.insert(sender),
+                Err(_) => return false,
+            },
+        };
+        sender.deposit(joined.guests.domain(), request, due_ns)
     }
 
     /// Withdraws what is deposited.
     pub(crate) fn withdraw(&self) {
-        if let Some(joined) = &self.joined {
-            joined.deadman.withdraw(joined.guests.domain());
+        if let (Some(joined), Some(sender)) = (&self.joined, &self.deadman) {
+            sender.withdraw(joined.guests.domain());
         }
+    }
+
+    /// Whether a stop has to be repeated, or has no answer.
+    pub(crate) fn is_stopping(&self) -> bool {
+        let stops = self.joined.as_ref().and_then(|joined| joined.lanes.get(STOP_LANE));
+        self.again.is_some() || stops.is_some_and(Lane::is_busy)
     }
 
     /// Returns the answers that have arrived.
@@ -382,7 +396,7 @@ impl Joined {
         // Lanes to other processes are made when they are asked for, while stops may come.
         members.set_patience(Duration::ZERO);
         let guests = Bus::join_as(domain, NAME, Participant::Guest)?;
-        Ok(Self { supervisor, outlet: None, lanes, deadman: deadman::Sender::new()?, members, guests })
+        Ok(Self { supervisor, outlet: None, lanes, members, guests })
     }
 }
 

@@ -158,8 +158,11 @@ impl Server {
         let give_up_ns = now_ns() + FAREWELL_NS;
         let actions = self.core.step(now_ns(), Event::Ending);
         self.carry_out(actions);
-        while self.core.is_ending() && now_ns() < give_up_ns {
+        while (self.core.is_ending() || self.robot.is_stopping()) && now_ns() < give_up_ns {
             self.robot_answers();
+            // What is deposited is renewed.
+            let actions = self.core.step(now_ns(), Event::Tick);
+            self.carry_out(actions);
             sleep_until(now_ns() + BUSY_NS);
         }
     }
@@ -244,6 +247,7 @@ impl Server {
     }
 
     fn carry_out(&mut self, actions: Vec<Action>) {
+        let mut undeposited = None;
         for action in actions {
             match action {
                 Action::Send { client, reply, body, descriptor } => self.post(client, &reply, &body, descriptor),
@@ -252,6 +256,10 @@ impl Server {
                         entry.closes_ns.get_or_insert(now_ns() + FAREWELL_NS);
                     }
                     self.robot.hub().remove(client);
+                }
+                Action::Ask { ticket, .. } if undeposited == Some(ticket) => {
+                    let actions = self.core.step(now_ns(), Event::Undeposited { ticket });
+                    self.carry_out(actions);
                 }
                 Action::Ask { ticket, process, request, mission: None } => {
                     self.ask(ticket, &process, request, now_ns());
@@ -264,7 +272,11 @@ impl Server {
                         self.answer(ticket, answer);
                     }
                 }
-                Action::Deposit { due_ns, request } => self.robot.deposit(due_ns, &request),
+                Action::Deposit { ticket, due_ns, request } => {
+                    if !self.robot.deposit(due_ns, &request) {
+                        undeposited = Some(ticket);
+                    }
+                }
                 Action::Withdraw => self.robot.withdraw(),
                 Action::Plugin { ticket, verb, name } => self.plugin(ticket, name, verb),
                 Action::Publish { ticket, sensor, reading } => {

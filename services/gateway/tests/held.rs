@@ -234,7 +234,7 @@ fn what_motor_io_does_is_observed_while_a_client_that_held_is_there() {
 /// What is done about the deposit with motor-io, with the instant at which it is due; `None`: it is withdrawn.
 fn deposits(actions: &[Action]) -> Vec<Option<(u8, u64)>> {
     let of = |action: &Action| match action {
-        Action::Deposit { due_ns, request } => Some(Some((request.body.verb, *due_ns))),
+        Action::Deposit { due_ns, request, .. } => Some(Some((request.body.verb, *due_ns))),
         Action::Withdraw => Some(None),
         _ => None,
     };
@@ -273,6 +273,103 @@ fn what_ends_a_held_motion_is_deposited_before_it_begins_and_until_its_end_is_an
         assert_eq!(deposits(&answered(&mut core, ms(2101), *ticket, accepted())), [None]);
         assert!(!core.is_ending() && deposits(&core.step(ms(2400), Event::Tick)).is_empty());
     }
+}
+
+/// The only request among the actions.
+fn ticket(actions: &[Action]) -> Ticket {
+    let asked = |action: &Action| match action {
+        Action::Ask { ticket, .. } => Some(*ticket),
+        _ => None,
+    };
+    let asked: Vec<_> = actions.iter().filter_map(asked).collect();
+    let [ticket] = asked[..] else { panic!("{actions:?}") };
+    ticket
+}
+
+#[test]
+fn an_end_that_did_not_reach_motor_io_leaves_the_deposit_to_fall_due() {
+    let why = || detail("the stop cannot be sent");
+    let of_gateway = [
+        Reason::RobotUnreached { why: why() },
+        Reason::NotAsked { why: why() },
+        Reason::NoRobotRuns { robot: detail("lab") },
+        Reason::GatewayBusy { most: 16 },
+    ];
+    for (request, end) in [(jog(), RequestBody::VERB_HOLD), (go(), RequestBody::VERB_STOP)] {
+        for reason in &of_gateway {
+            let mut core = core();
+            let begun = asked(&mut core, 1, request.clone(), true, ms(0));
+            answered(&mut core, ms(1), begun, accepted());
+            // Deposited anew, due at 360 ms.
+            sent(&mut core, 1, ms(60), &Call::Beat { at_ns: None });
+            let lost = ticket(&sent(&mut core, 1, ms(70), &Call::Release { id: 2 }));
+            assert!(deposits(&answered(&mut core, ms(71), lost, reason.answer())).is_empty(), "{reason}");
+            for at in (80..1000).step_by(10) {
+                assert!(deposits(&core.step(ms(at), Event::Tick)).is_empty(), "{reason} {at}");
+            }
+            // The next motion has a deposit of its own, which is withdrawn as ever.
+            let begun = asked(&mut core, 1, request.clone(), true, ms(1000));
+            answered(&mut core, ms(1001), begun, accepted());
+            let ended = ticket(&sent(&mut core, 1, ms(1010), &Call::Release { id: 2 }));
+            assert_eq!(deposits(&answered(&mut core, ms(1011), ended, accepted())), [None]);
+            // A motion that is refused meanwhile does not take the deposit away: the first one may go on.
+            let begun = asked(&mut core, 1, request.clone(), true, ms(2000));
+            answered(&mut core, ms(2001), begun, accepted());
+            let lost = ticket(&sent(&mut core, 1, ms(2010), &Call::Release { id: 2 }));
+            answered(&mut core, ms(2011), lost, reason.answer());
+            let ask = Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None };
+            let refused = sent(&mut core, 2, ms(2020), &ask);
+            assert_eq!(deposits(&refused), [Some((end, ms(2320)))]);
+            let refused = answered(&mut core, ms(2021), ticket(&refused), Reason::RobotJogging.answer());
+            assert!(deposits(&refused).is_empty() && deposits(&core.step(ms(2319), Event::Tick)).is_empty());
+        }
+    }
+}
+
+#[test]
+fn a_motion_that_begins_after_its_end_is_ended_again_and_its_deposit_stays() {
+    for ends_gateway in [false, true] {
+        let mut core = core();
+        let begun = asked(&mut core, 1, jog(), true, ms(0));
+        let released = match ends_gateway {
+            true => core.step(ms(10), Event::Ending),
+            false => sent(&mut core, 1, ms(10), &Call::Release { id: 2 }),
+        };
+        // motor-io holds already, and has not read the jog.
+        assert!(deposits(&answered(&mut core, ms(11), ticket(&released), accepted())).is_empty());
+        assert!(core.is_ending());
+        // A gateway that dies now leaves a deposit that is due after the jog has begun.
+        assert_eq!(deposits(&core.step(ms(60), Event::Tick)), [Some((RequestBody::VERB_HOLD, ms(360)))]);
+        let again = answered(&mut core, ms(70), begun, accepted());
+        assert_eq!(ends(&again), [(RequestBody::VERB_HOLD, "ada".to_owned())]);
+        assert!(deposits(&again).is_empty() && core.is_ending());
+        assert_eq!(deposits(&answered(&mut core, ms(80), ticket(&again), accepted())), [None]);
+        assert!(!core.is_ending());
+        // One that is refused is over, and nothing is told again.
+        let begun = asked(&mut core, 1, jog(), true, ms(1000));
+        let released = sent(&mut core, 1, ms(1010), &Call::Release { id: 2 });
+        answered(&mut core, ms(1011), ticket(&released), accepted());
+        let refused = answered(&mut core, ms(1020), begun, Reason::RobotMoves.answer());
+        assert!(ends(&refused).is_empty() && !core.is_ending());
+        assert_eq!(deposits(&refused), [None]);
+    }
+}
+
+#[test]
+fn a_motion_without_a_deposit_is_not_requested() {
+    let mut core = core();
+    let ask = Call::Ask { id: 1, request: jog(), process: None, held: true, at_ns: None };
+    let asked_for = sent(&mut core, 1, ms(0), &ask);
+    let [Action::Deposit { ticket: of, .. }, ..] = asked_for[..] else { panic!("{asked_for:?}") };
+    assert_eq!(of, ticket(&asked_for));
+    let refused = core.step(ms(1), Event::Undeposited { ticket: of });
+    let unreached = Reason::RobotUnreached { why: detail("") }.code();
+    let is_refusal = |one: &Action| matches!(one, Action::Send { client: 1, reply: Reply::Answer { accepted: Accepted::Refused, reason, .. }, .. } if *reason == unreached);
+    assert!(refused.iter().any(is_refusal), "{refused:?}");
+    // Nothing is held, so nothing is ended, renewed or withdrawn.
+    let later = core.step(ms(900), Event::Tick);
+    assert!(!core.is_held() && !core.is_ending() && release(&mut core, 1, ms(901)).is_empty());
+    assert!(deposits(&refused).is_empty() && deposits(&later).is_empty() && ends(&later).is_empty());
 }
 
 #[test]
