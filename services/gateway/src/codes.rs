@@ -3,7 +3,7 @@
 use crate::budget::Budget;
 use robot_state::Reason;
 use sha2::{Digest, Sha256};
-use std::net::{IpAddr, Ipv6Addr};
+use std::net::IpAddr;
 
 /// Crockford's digits: none is taken for another one.
 const DIGITS: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
@@ -17,7 +17,7 @@ const MOST: usize = 16;
 const FAILURES: usize = 5;
 const LOCKED_NS: u64 = 60_000_000_000;
 /// Codes that are tried per second, and in a burst, from all addresses together: at most 6100 in ten minutes, so that
-/// one of 2^40 is not found with any number of addresses. More than a hundred addresses are needed to use this up.
+/// one of 2^40 is not found with any number of addresses, of which one machine may have many in a network of IPv6.
 const TRIED_PER_S: f64 = 10.0;
 const TRIED: f64 = 100.0;
 /// Addresses with wrong codes that are remembered.
@@ -31,8 +31,8 @@ struct Code {
     until_ns: u64,
 }
 
-/// The wrong codes of an address. Of IPv6 it is a network, in which one machine may have any number of addresses;
-/// clients without an address count as one.
+/// The wrong codes of an address, also of IPv6: a whole team may share a network of it, and one stranger there does not
+/// lock the others out. Clients without an address count as one.
 #[derive(Debug)]
 struct Failures {
     from: Option<IpAddr>,
@@ -78,7 +78,7 @@ impl Codes {
     /// Uses a code that was entered at an address: it is not valid any more. Returns its holder and role.
     #[allow(clippy::result_large_err)] // it is the answer
     pub(crate) fn take(&mut self, now_ns: u64, from: Option<IpAddr>, given: &str) -> Result<(String, String), Reason> {
-        let from = from.map(network);
+        let from = from.map(|address| address.to_canonical());
         self.failures.retain(|one| one.until_ns > now_ns);
         if let Some(locked) = self.failures.iter().find(|one| one.from == from && one.count >= FAILURES) {
             return Err(Reason::PairingLocked { for_s: seconds(locked.until_ns - now_ns) });
@@ -114,17 +114,6 @@ impl Codes {
         }
         self.failures.push(Failures { from, count: 1, until_ns });
         1
-    }
-}
-
-/// An IPv4 address, or the network of 64 bits of an IPv6 address.
-fn network(address: IpAddr) -> IpAddr {
-    match address.to_canonical() {
-        IpAddr::V6(six) => {
-            let [a, b, c, d, ..] = six.segments();
-            Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
-        }
-        four => four,
     }
 }
 
@@ -177,15 +166,16 @@ mod tests {
         let mut codes = Codes::default();
         let code = codes.add(0, "ada", "fly", RANDOM).unwrap();
         let from = |text: &str| Some(text.parse::<IpAddr>().unwrap());
-        // Of IPv6 all addresses of a network count together, and an IPv4 address counts in either form.
-        for stranger in [["10.0.0.66", "::ffff:10.0.0.66"], ["2001:db8::1", "2001:db8::ffff:2"]] {
+        // An IPv4 address counts in either form.
+        for stranger in [["10.0.0.66", "::ffff:10.0.0.66"], ["2001:db8::1", "2001:db8:0:0::1"]] {
             for left in (1..FAILURES).rev() {
                 assert_eq!(codes.take(1, from(stranger[left % 2]), "AAAA-AAAA"), Err(Reason::CodeInvalid { left }));
             }
             assert_eq!(codes.take(1, from(stranger[0]), ""), Err(Reason::PairingLocked { for_s: 60.0 }));
             assert!(matches!(codes.take(2, from(stranger[1]), &code), Err(Reason::PairingLocked { .. })));
         }
-        // Another address is not locked out.
+        // Another address is not locked out, also of the same network.
+        assert_eq!(codes.take(2, from("2001:db8::2"), "AAAA-AAAA"), Err(Reason::CodeInvalid { left: 4 }));
         assert_eq!(codes.take(2, from("10.0.0.7"), "AAAA-AAAA"), Err(Reason::CodeInvalid { left: 4 }));
         assert!(codes.take(2, from("10.0.0.7"), &code).is_ok());
         let code = codes.add(0, "ada", "fly", RANDOM).unwrap();
@@ -194,15 +184,19 @@ mod tests {
 
     #[test]
     fn with_any_number_of_addresses_few_codes_are_tried_while_one_is_valid() {
-        let mut codes = Codes::default();
-        codes.add(0, "ada", "fly", RANDOM).unwrap();
-        let (mut tried, mut most) = (0, 0);
-        for at in 0..60_000_u32 {
-            let from = Some(IpAddr::from((0x0a00_0000 + at % 5_000).to_be_bytes()));
-            let given = codes.take(u64::from(at) * VALID_NS / 60_000, from, "AAAA-AAAA");
-            tried += usize::from(matches!(given, Err(Reason::CodeInvalid { .. })));
-            most = most.max(codes.failures.len());
+        let four = |at: u32| IpAddr::from((0x0a00_0000 + at % 5_000).to_be_bytes());
+        // Of one machine, which takes another address of its network for each try.
+        let six = |at: u32| IpAddr::from(((0x2001_0db8_u128 << 96) + u128::from(at)).to_be_bytes());
+        for address in [&four as &dyn Fn(u32) -> IpAddr, &six] {
+            let mut codes = Codes::default();
+            codes.add(0, "ada", "fly", RANDOM).unwrap();
+            let (mut tried, mut most) = (0, 0);
+            for at in 0..60_000_u32 {
+                let given = codes.take(u64::from(at) * VALID_NS / 60_000, Some(address(at)), "AAAA-AAAA");
+                tried += usize::from(matches!(given, Err(Reason::CodeInvalid { .. })));
+                most = most.max(codes.failures.len());
+            }
+            assert!((6000..=6100).contains(&tried) && most <= ADDRESSES, "{tried}, {most}");
         }
-        assert!((6000..=6100).contains(&tried) && most <= ADDRESSES, "{tried}, {most}");
     }
 }
