@@ -2,7 +2,6 @@
 
 use crate::app::{App, Offered};
 use crate::link::Browser;
-use crate::places::OF_AN_ADDRESS;
 use crate::{plain, session, stops};
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -157,7 +156,7 @@ async fn upgrade(
     }
     let from = from.map(|Extension(Peer(ip))| ip);
     let Some(visit) = app.conversations.begin(from) else {
-        let why = format!("{OF_AN_ADDRESS} pages of this address are open already; close one\n");
+        let why = "too many pages of this address are being opened; try again\n";
         return (StatusCode::SERVICE_UNAVAILABLE, why).into_response();
     };
     upgrade.max_message_size(MESSAGE).max_frame_size(MESSAGE).max_write_buffer_size(4 * MESSAGE).on_upgrade(

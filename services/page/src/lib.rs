@@ -17,6 +17,7 @@ mod app;
 mod assets;
 mod certificate;
 mod control;
+mod crowd;
 mod drives;
 mod fields;
 mod freshness;

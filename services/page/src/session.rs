@@ -4,7 +4,7 @@ use crate::app::App;
 use crate::control::Control;
 use crate::fields::Fields;
 use crate::link::{self, Browser, Incoming, NoLink, Outgoing, Welcome};
-use crate::places::{BROWSERS, UNPAIRED, Visit};
+use crate::places::{BROWSERS, OF_AN_ADDRESS, UNPAIRED, Visit};
 use crate::protocol::{FromBrowser, ask, refusal, stops};
 use crate::setup::{self, Given};
 use crate::stops::Stops;
@@ -59,11 +59,19 @@ fn locked(shared: &Both) -> MutexGuard<'_, Shared> {
 /// Talks to a browser until one of them ends it.
 pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAddr>, mut visit: Visit) {
     let (mut sink, mut stream) = socket.split();
-    let Some(token) = hello(&mut stream).await else { return };
+    let said = tokio::select! {
+        said = hello(&mut stream) => said,
+        () = visit.sent_away() => None,
+    };
+    let Some(token) = said else { return };
+    visit.said_hello();
     let (link, refused) = arrive(&app, token.clone(), from).await;
     let paired = token.is_some() && refused.is_none();
     let placed = link.map_err(|no_link| Failure::from(no_link).to_string()).and_then(|link| {
-        let full = || format!("{BROWSERS} pages are open already, or {UNPAIRED} that are not paired; close one");
+        let full = || {
+            let unpaired = format!("{UNPAIRED} that are not paired, or {OF_AN_ADDRESS} of these at this address");
+            format!("{BROWSERS} pages are open already, or {unpaired}; close one")
+        };
         visit.take_place(paired).then_some(link).ok_or_else(full)
     });
     let (incoming, outgoing, welcome) = match placed {
