@@ -209,7 +209,8 @@ impl Drives {
         }
     }
 
-    /// Uses the rest of the time of an exchange, until `early_ns` before its deadline, unless a thread of the port does.
+    /// Uses the rest of the time of an exchange, until `early_ns` before its deadline, unless a thread of the port does
+    /// so.
     pub fn spend(&mut self, early_ns: u64) {
         self.fleet.spend(early_ns);
     }

@@ -11,8 +11,8 @@
 //! contract of the trait is in its documentation. `shared/testing/drive-conformance` tests it, and `tests/fleet/fake/`
 //! is a complete family to copy.
 //!
-//! Architecture invariants: no vendor is named here. One thread at a time has a port. A sample carries the time at which it was
-//! requested. In a control cycle nothing is allocated.
+//! Architecture invariants: no vendor is named here. One thread at a time has a port. A sample carries the time at
+//! which it was requested. In a control cycle nothing is allocated.
 //!
 //! ```
 //! use drives::{Capabilities, Command, CountBound};

@@ -8,8 +8,8 @@
 //! What looks alike is estimated too, each with the standard deviation of [`cable_robot::Uncertainty`], or a wide one
 //! where the robot file states none: anchors and points where cables are tied, radius of the pulleys, scale and zero of
 //! each length, poles, what idlers count, weight and drag of the node, differences between cables, and force constant,
-//! friction and inertia of each winch. The prior of the stiffness is wide ([`WIDE`]), so the robot file has a weight of at
-//! most a ninth in a value that is given.
+//! friction and inertia of each winch. The prior of the stiffness is wide ([`WIDE`]), so the robot file has a weight of
+//! at most a ninth in a value that is given.
 //!
 //! The covariance is that of the linearised problem. A jackknife over parts of the flight adds what the model leaves
 //! out and the flight shows, and [`MODEL`] what neither knows.

@@ -77,7 +77,8 @@ pub struct Kernel {
     pub interrupts: Vec<Interrupt>,
     /// Serial adapters with a latency timer.
     pub adapters: Vec<Adapter>,
-    /// Mask of the processors of the kernel's own unbound workers, as its file has it; empty if the kernel does not tell.
+    /// Mask of the processors of the kernel's own unbound workers, as its file has it; empty if the kernel does not
+    /// tell.
     pub workers_mask: String,
     /// Whether systemd runs, and removes the shared memory of ordinary users who log out.
     pub removes_ipc: bool,

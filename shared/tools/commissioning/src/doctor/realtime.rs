@@ -199,8 +199,8 @@ fn interrupts(kernel: &Kernel, cpu: usize) -> Option<Examined> {
 }
 
 /// A byte that a serial port receives reaches the program through a worker of the kernel with ordinary priority
-/// (`flush_to_ldisc`, on an unbound workqueue). On a busy processor it waits for milliseconds, and the answer of a drive
-/// with it. The control chain waits for that answer, so its own processor is free for the worker.
+/// (`flush_to_ldisc`, on an unbound workqueue). On a busy processor it waits for milliseconds, and the answer of a
+/// drive with it. The control chain waits for that answer, so its own processor is free for the worker.
 fn workers(kernel: &Kernel, cpu: usize) -> Option<Examined> {
     let mask = mask_of(cpu, &kernel.workers_mask).filter(|mask| *mask != kernel.workers_mask)?;
     let finding = warning(
