@@ -15,17 +15,17 @@
 //! out and the flight shows, and [`MODEL`] what neither knows.
 
 mod model;
+mod record;
 
-use cable_robot::{CableVec, Robot, RobotParts};
+use cable_robot::{Robot, RobotParts};
 use nalgebra::{DMatrix, DVector};
 
 use crate::error::{CalibrationError, invalid};
 use crate::loads::Found;
 use model::{Model, STIFFNESS};
+use record::TENTHS;
 
-/// Standard deviation of the logarithm of the stiffness before the flight: that of a kind of cable, such as 4000 to
-/// 8000 N for braided polyethylene of 0.33 mm.
-pub const WIDE: f64 = 0.3;
+pub use record::{Flight, FlightPart, WIDE};
 
 /// Largest standard deviation with which a value is given, as a share.
 pub const GIVEN: f64 = 0.1;
@@ -53,38 +53,6 @@ const STEPS: usize = 6;
 /// Noise of a current before anything is known of it, and the least one, A.
 const FIRST_A: f64 = 0.1;
 const LEAST_A: f64 = 0.003;
-
-/// Parts of the flight for the jackknife.
-const TENTHS: usize = 10;
-
-/// Means over a short time of a flight.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FlightPart {
-    /// Middle of it, s.
-    pub time_s: f64,
-    /// Lengths by the encoders, m, as if they had been set once only.
-    pub lengths_m: CableVec,
-    /// Modelled tension times cable that has passed the idlers since the beginning, N m; positive where it was paid
-    /// out.
-    pub passed_n_m: CableVec,
-    /// Speed of reeling in, m/s.
-    pub reel_in_m_s: CableVec,
-    /// Its change, m/s².
-    pub reel_in_m_s2: CableVec,
-    /// Motor currents, A; positive where they reel in; NaN: unknown.
-    pub current_a: CableVec,
-}
-
-/// The record of a flight.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Flight {
-    /// Its parts in order.
-    pub parts: Vec<FlightPart>,
-    /// Duration of each of them, s.
-    pub part_s: f64,
-    /// Force constant of each winch and its standard deviation, N/A.
-    pub force_constants_n_a: Vec<[f64; 2]>,
-}
 
 /// What a flight says of the stiffness.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use serial::Transport;
 
-use super::{Bus, Phase, late::Late, step::Step};
+use super::step::{Late, Step};
+use super::{Bus, Phase};
 use drives::{Error, reply_text};
 
 use crate::codec::{ACK, Command, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};

@@ -1,7 +1,6 @@
 //! The states of the bus and of a unit on the way into use.
 
-use super::late::Late;
-use crate::codec::Read;
+use crate::codec::{ACK, Command, Read};
 use crate::packet::MAX_PACKET;
 use drives::Instead;
 
@@ -16,6 +15,44 @@ pub(super) enum Step {
     Late(Late),
     /// Nothing received, nothing outstanding.
     Settled,
+}
+
+/// An answer under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Late {
+    pub(super) unit: usize,
+    pub(super) command: Command,
+    pub(super) sent_ns: u64,
+    /// End of the wait, ns.
+    pub(super) until_ns: u64,
+    pub(super) wanted: usize,
+    bytes: [u8; MAX_PACKET],
+    pub(super) got: usize,
+}
+
+impl Late {
+    /// Nothing of it is there yet.
+    pub(super) fn new(unit: usize, command: Command, sent_ns: u64, until_ns: u64, wanted: usize) -> Self {
+        Self { unit, command, sent_ns, until_ns, wanted, bytes: [0; MAX_PACKET], got: 0 }
+    }
+
+    /// The same with bytes that arrived.
+    pub(super) fn with(mut self, arrived: &[u8]) -> Self {
+        for (place, byte) in self.bytes.iter_mut().skip(self.got).zip(arrived) {
+            *place = *byte;
+            self.got += 1;
+        }
+        self
+    }
+
+    /// True where the bytes answer the question.
+    pub(super) fn answers(&self, address: u8) -> bool {
+        let bytes = self.bytes.get(..self.got).unwrap_or_default();
+        match self.command {
+            Command::Write(_) => bytes == [ACK],
+            Command::Read(read) => read.decode(address, bytes).is_ok(),
+        }
+    }
 }
 
 /// Questions of a unit's setup, in this order.

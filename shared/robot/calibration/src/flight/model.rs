@@ -5,7 +5,7 @@ use cable_robot::pulley::Pulley;
 use cable_robot::{CableVec, Robot, RobotParts, Vector3};
 use nalgebra::DVector;
 
-use super::{Flight, FlightPart, TENTHS, WIDE};
+use super::record::{Flight, FlightPart, TENTHS, WIDE};
 
 /// Unknowns that all cables have in common; all unknowns are in their standard deviations.
 pub(super) const STIFFNESS: usize = 0;
@@ -68,7 +68,7 @@ pub(super) struct Row {
 }
 
 /// The currents of an instant.
-pub(super) struct Instant {
+pub(super) struct Linearised {
     pub tenth: usize,
     pub rows: Vec<Row>,
 }
@@ -187,16 +187,16 @@ impl Model {
     }
 
     /// Residuals and slopes at a point; `None` if the stiffness there is none that a robot can have.
-    pub fn linear(&self, at: &DVector<f64>) -> Option<Vec<Instant>> {
+    pub fn linear(&self, at: &DVector<f64>) -> Option<Vec<Linearised>> {
         let with = |more: f64| {
             let stiffness_n = Some(self.stated_n * libm::exp(WIDE * at[STIFFNESS] + more));
             Robot::new(RobotParts { stiffness_n, ..self.parts.clone() }).ok()
         };
         let (robot, stiffer) = (with(0.0)?, with(PROBE_SHARE)?);
-        Some(self.places.iter().filter_map(|place| self.instant(&robot, &stiffer, place, at)).collect())
+        Some(self.places.iter().filter_map(|place| self.linearised(&robot, &stiffer, place, at)).collect())
     }
 
-    fn instant(&self, robot: &Robot, stiffer: &Robot, place: &Place, at: &DVector<f64>) -> Option<Instant> {
+    fn linearised(&self, robot: &Robot, stiffer: &Robot, place: &Place, at: &DVector<f64>) -> Option<Linearised> {
         let wrench_n = place.weight_n * (1.0 + at[WEIGHT] * self.sigmas[WEIGHT])
             + place.drag_n * (1.0 + at[DRAG] * self.sigmas[DRAG]);
         let here = self.balance(robot, place, at, &wrench_n)?;
@@ -235,7 +235,7 @@ impl Model {
         }
         let used = (0..n).filter(|cable| self.is_used(&place.part, *cable));
         let rows = used.map(|cable| self.row(place, cable, at, here.tensions_n[cable], &by_tension)).collect();
-        Some(Instant { tenth: place.tenth, rows })
+        Some(Linearised { tenth: place.tenth, rows })
     }
 
     /// The current of a cable.
