@@ -1,5 +1,7 @@
 //! Stiffness from the record of a flight that is computed with known cables and winches.
 
+#![allow(clippy::unwrap_used)]
+
 use cable_robot::tension::FourCables;
 use cable_robot::{CableVec, Robot, RobotParts, StructureMatrix, Uncertainty, Vector3, elastic, kinematics};
 use calibration::Found;
@@ -9,7 +11,7 @@ const STATED_N: f64 = 6000.0;
 const PART_S: f64 = 0.2;
 
 fn parts(cables: usize, stiffness_n: f64) -> RobotParts {
-    let anchors_m = vec![[0.0, 0.0, 3.05], [9.9, 0.1, 3.1], [9.8, 8.9, 2.98], [0.1, 9.0, 3.02]];
+    let anchors_m = [[0.0, 0.0, 3.05], [9.9, 0.1, 3.1], [9.8, 8.9, 2.98], [0.1, 9.0, 3.02]];
     RobotParts {
         anchors_m: anchors_m[..cables].to_vec(),
         node_mass_kg: 1.2,

@@ -264,7 +264,7 @@ mod tests {
     fn lengths_that_are_set_at_rest_move_no_cable() {
         let mut stretches = stretches();
         for cycle in 1..=2000 {
-            let moves = cycle < 400 || cycle > 1200;
+            let moves = !(400..=1200).contains(&cycle);
             let mut row = row(cycle, if moves { 0.1 } else { 0.0 });
             if let Some(state) = &mut row.state {
                 let moved_m = 0.001 * (cycle.min(400) + cycle.max(1200)) as f64;
