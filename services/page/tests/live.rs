@@ -501,7 +501,9 @@ fn a_hostile_browser_is_bounded_and_disturbs_no_other() {
     let token = rig.token("late", "fly");
     let forged = "0".repeat(64);
     let mut open: Vec<Browser> = Vec::new();
-    while let Some(browser) = rig.try_browser(Some(&forged).filter(|_| open.len().is_multiple_of(2)).map(String::as_str)) {
+    while let Some(browser) =
+        rig.try_browser(Some(&forged).filter(|_| open.len().is_multiple_of(2)).map(String::as_str))
+    {
         open.push(browser);
         assert!(open.len() <= 16, "no bound");
     }
