@@ -174,6 +174,22 @@ pub struct SymmetricInverse {
     pub entries: [f64; 6],
 }
 
+/// The cofactors and the determinant of a symmetric matrix, whose entries are [xx, xy, xz, yy, yz, zz], as those of the
+/// cofactors.
+#[inline(always)]
+pub(crate) fn cofactors([xx, xy, xz, yy, yz, zz]: &[f64; 6]) -> ([f64; 6], f64) {
+    let cofactors = [
+        yy * zz - yz * yz,
+        xz * yz - xy * zz,
+        xy * yz - xz * yy,
+        xx * zz - xz * xz,
+        xy * xz - xx * yz,
+        xx * yy - xy * xy,
+    ];
+    let determinant = xx * cofactors[0] + xy * cofactors[1] + xz * cofactors[2];
+    (cofactors, determinant)
+}
+
 impl SymmetricInverse {
     /// None if a pivot is not positive.
     pub fn of(m: &Matrix3<f64>) -> Option<Self> {
@@ -183,16 +199,9 @@ impl SymmetricInverse {
     /// One division, where decomposition and solution wait for three roots and nine divisions.
     #[inline(always)]
     fn by_cofactors(m: &Matrix3<f64>) -> Option<Self> {
-        let [xx, xy, xz, yy, yz, zz] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|place| m[place]);
-        let cofactors = [
-            yy * zz - yz * yz,
-            xz * yz - xy * zz,
-            xy * yz - xz * yy,
-            xx * zz - xz * xz,
-            xy * xz - xx * yz,
-            xx * yy - xy * xy,
-        ];
-        let determinant = xx * cofactors[0] + xy * cofactors[1] + xz * cofactors[2];
+        let entries = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|place| m[place]);
+        let [xx, _, _, yy, _, zz] = entries;
+        let (cofactors, determinant) = cofactors(&entries);
         let mean = (xx + yy + zz) * (1.0 / 3.0);
         // Also false for NaN.
         let clearly = xx > 0.0 && cofactors[5] > 0.0 && determinant >= LEAST_DETERMINANT * (mean * mean * mean);

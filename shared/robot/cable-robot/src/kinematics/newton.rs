@@ -22,6 +22,7 @@ use square::Square;
 use wide::f64x2;
 
 use crate::Anchors;
+use crate::linalg::cofactors;
 use crate::pulley::Both;
 
 /// Bound of the iteration, which needs two or three evaluations; more are left to damped steps.
@@ -231,16 +232,8 @@ impl Inverse {
     /// None if the determinant is too small, negative or NaN.
     #[inline(always)]
     fn of(m: &Symmetric) -> Option<Self> {
-        let [xx, xy, xz, yy, yz, zz] = *m;
-        let cofactors = [
-            yy * zz - yz * yz,
-            xz * yz - xy * zz,
-            xy * yz - xz * yy,
-            xx * zz - xz * xz,
-            xy * xz - xx * yz,
-            xx * yy - xy * xy,
-        ];
-        let determinant = xx * cofactors[0] + xy * cofactors[1] + xz * cofactors[2];
+        let [xx, _, _, yy, _, zz] = *m;
+        let (cofactors, determinant) = cofactors(m);
         let (trace, least_minor) = (xx + yy + zz, cofactors[0].min(cofactors[3]).min(cofactors[5]));
         if !(determinant >= LEAST_DETERMINANT && least_minor > 0.0 && trace > 0.0) {
             return None;
