@@ -300,7 +300,7 @@ fn an_end_that_did_not_reach_motor_io_leaves_the_deposit_to_fall_due() {
             let mut core = core();
             let begun = asked(&mut core, 1, request.clone(), true, ms(0));
             answered(&mut core, ms(1), begun, accepted());
-            // Deposited anew, due at 360 ms.
+            // Deposited again, due at 360 ms.
             sent(&mut core, 1, ms(60), &Call::Beat { at_ns: None });
             let lost = ticket(&sent(&mut core, 1, ms(70), &Call::Release { id: 2 }));
             assert!(deposits(&answered(&mut core, ms(71), lost, reason.answer())).is_empty(), "{reason}");

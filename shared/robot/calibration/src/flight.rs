@@ -114,7 +114,7 @@ pub fn flight_stiffness(parts: &RobotParts, flight: &Flight) -> Result<FlightSti
 fn judge(stated_n: f64, stated_share: f64, fit: &Fit) -> FlightStiffness {
     let estimate_n = stated_n * libm::exp(WIDE * fit.at);
     let left = (WIDE * fit.posterior).hypot(WIDE * fit.jackknife).hypot(MODEL);
-    // A robot file without a standard deviation is exact by its own statement, but nobody measures EA exactly.
+    // A robot file without a standard deviation is exact by its own statement, but EA is never measured exactly.
     let needed = if stated_share > 0.0 { GIVEN.min(BETTER * stated_share) } else { GIVEN };
     let stiffness_n = if left <= needed {
         Found::Determined { value: estimate_n, std: estimate_n * left }
