@@ -10,7 +10,6 @@ use crate::budget::Budget;
 use crate::codes::Codes;
 pub use crate::events::{Action, ClientId, Done, Event, Motion, OwnMessage, Question, Ticket, TokenChange};
 use crate::held::{Ends, Held, begins, end_of, is_old, may_begin};
-use crate::lane::is_stop;
 use crate::plugin::Verb;
 use crate::roles::{Peer, Role, Roles, deed, needed, requester};
 use crate::seat::Seat;
@@ -270,7 +269,7 @@ impl Core {
         let (within, unanswered) = (connection.budget.spend(now_ns), connection.unanswered);
         match call {
             Call::Ask { request, process, held, at_ns, .. } => {
-                let urgent = is_stop(request.verb());
+                let urgent = request.is_stop();
                 if !urgent && (!within || unanswered >= UNANSWERED) {
                     return self.refuse(client, id, Reason::GatewayBusy { most: UNANSWERED });
                 }
@@ -387,7 +386,7 @@ impl Core {
             Err(error) => return self.refuse(client, id, Reason::NotAsked { why: detail(error) }),
         };
         holder.sign(&mut sample, peer);
-        let counts = !is_stop(sample.body.verb);
+        let counts = !sample.body.is_stop();
         connection.unanswered += usize::from(counts);
         let ticket = self.ticket_of(Asked { client, id, counts, begins: begins(&request) });
         let request = Box::new(sample);

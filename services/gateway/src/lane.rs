@@ -3,7 +3,7 @@
 use crate::events::Ticket;
 use bus::{BusError, Client, Pending};
 use client::ANSWER;
-use messages::{OperatorRequest, RequestAnswer};
+use messages::{OperatorRequest, RequestAnswer, RequestBody};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use std::collections::VecDeque;
@@ -32,10 +32,10 @@ impl Waiting {
     /// Why it is not sent any more: it would begin a motion that its client does not expect any longer. `stopped` is
     /// the last call that stops the robot.
     pub(crate) fn refusal(&self, now_ns: u64, stopped: Ticket, is_wanted: impl Fn(Ticket) -> bool) -> Option<Reason> {
-        if stops(&self.request) {
+        if self.request.body.is_stop() {
             return None;
         }
-        let disarms = self.request.body.verb == messages::RequestBody::VERB_DISARM;
+        let disarms = self.request.body.verb == RequestBody::VERB_DISARM;
         if !disarms && self.tickets.iter().any(|ticket| *ticket < stopped) {
             return Some(Reason::OvertakenByStop);
         }
@@ -49,17 +49,6 @@ impl Waiting {
     }
 }
 
-/// Returns whether a request only ever stops the robot.
-pub(crate) fn stops(request: &OperatorRequest) -> bool {
-    is_stop(request.body.verb)
-}
-
-/// Returns whether a verb only ever stops the robot. Such requests pass beyond the limits of calls.
-pub(crate) fn is_stop(verb: u8) -> bool {
-    use messages::RequestBody as Body;
-    [Body::VERB_HOLD, Body::VERB_STOP, Body::VERB_PAUSE, Body::VERB_ESTOP].contains(&verb)
-}
-
 impl Lane {
     pub(crate) fn new(client: Client) -> Self {
         Self { client, pending: Vec::new(), waiting: VecDeque::new(), answered: Vec::new() }
@@ -68,7 +57,7 @@ impl Lane {
     /// Adds a request. A stop is never refused: it waits together with an equal one.
     pub(crate) fn add(&mut self, added: Waiting) -> Result<(), Box<RequestAnswer>> {
         let verb = added.request.body.verb;
-        if stops(&added.request) {
+        if added.request.body.is_stop() {
             match self.waiting.iter_mut().find(|one| one.request.body.verb == verb) {
                 Some(equal) => equal.tickets.extend(added.tickets),
                 None => self.waiting.push_back(added),
@@ -135,7 +124,7 @@ impl Lane {
                 None => {
                     // A stop always gets the whole time.
                     let waited = std::time::Duration::from_nanos(now_ns.saturating_sub(waiting.asked_ns));
-                    let rest = if stops(&waiting.request) { ANSWER } else { ANSWER.saturating_sub(waited) };
+                    let rest = if waiting.request.body.is_stop() { ANSWER } else { ANSWER.saturating_sub(waited) };
                     match self.client.begin(&waiting.request, rest) {
                         Ok(pending) => {
                             self.pending.push((waiting.tickets, pending));

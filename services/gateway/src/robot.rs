@@ -3,7 +3,7 @@
 use crate::core::UNANSWERED;
 use crate::events::Ticket;
 use crate::hub::{Delivery, Hub};
-use crate::lane::{Lane, Waiting, failed, stops};
+use crate::lane::{Lane, Waiting, failed};
 use crate::outlet::{Delivered, Outlet, Published};
 use bus::estop::Attempt;
 use bus::{Bus, BusError, Domain, Participant, deadman};
@@ -222,7 +222,7 @@ impl Robot {
         request: Box<OperatorRequest>,
         asked_ns: u64,
     ) -> Result<(), Box<RequestAnswer>> {
-        let stops = stops(&request);
+        let stops = request.body.is_stop();
         if stops {
             self.overtake(ticket);
         }

@@ -3,7 +3,6 @@
 use crate::core::{Action, ClientId, Core, Done, Event, Motion, NO_CLIENT, Question, Ticket, TokenChange};
 use crate::disk::{Disk, Job, Outcome};
 use crate::hub::{Delivery, count};
-use crate::lane::stops;
 use crate::outbox::{DESCRIPTORS, Outbox, is_large};
 use crate::outlet::Delivered;
 use crate::plugin::Verb;
@@ -204,7 +203,7 @@ impl Server {
         // What stops the robot comes before everything else of this pass.
         let (stops, rest): (Vec<_>, Vec<_>) = actions.into_iter().partition(|action| match action {
             Action::Estop { .. } => true,
-            Action::Ask { request, .. } => stops(request),
+            Action::Ask { request, .. } => request.body.is_stop(),
             _ => false,
         });
         if !stops.is_empty() {

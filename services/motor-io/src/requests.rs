@@ -19,7 +19,13 @@ const STALE_S: f64 = 5.0;
 
 /// Whether a request can only bring the robot to rest: such a request is carried out at any age.
 fn brings_to_rest(request: &Request) -> bool {
-    matches!(request, Request::Estop | Request::Stop | Request::Hold | Request::Pause | Request::Disarm)
+    request.is_stop() || *request == Request::Disarm
+}
+
+/// Whether a request moves the robot, or permits motion: such a request is refused if the robot was told to stop after it
+/// was made, in whichever order the two arrive.
+fn may_move(request: &Request) -> bool {
+    matches!(request, Request::Arm | Request::Reset | Request::Resume | Request::Jog { .. } | Request::Soft)
 }
 
 /// Why a request is refused, and otherwise why it is accepted.

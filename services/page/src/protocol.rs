@@ -86,11 +86,6 @@ impl FromBrowser {
     }
 }
 
-/// Whether a request stops the robot, which every role may do through the page.
-pub(crate) fn stops(request: &Request) -> bool {
-    matches!(request, Request::Hold | Request::Pause | Request::Stop | Request::Estop)
-}
-
 /// The gateway's call for a request.
 pub(crate) fn ask(id: u64, request: Request) -> Call {
     Call::Ask { id, request, process: None, held: false, at_ns: None }

@@ -5,7 +5,7 @@ use crate::control::Control;
 use crate::fields::Fields;
 use crate::link::{self, Browser, Incoming, NoLink, Outgoing, Welcome};
 use crate::places::{BROWSERS, OF_AN_ADDRESS, UNPAIRED, Visit};
-use crate::protocol::{FromBrowser, ask, refusal, stops};
+use crate::protocol::{FromBrowser, ask, refusal};
 use crate::setup::{self, Given};
 use crate::stops::Stops;
 use crate::weigh;
@@ -306,7 +306,7 @@ impl Inbound<'_> {
         };
         match message {
             FromBrowser::Hello { .. } => {}
-            FromBrowser::Ask { id, request } if stops(&request) => {
+            FromBrowser::Ask { id, request } if request.is_stop() => {
                 let sent = !locked(self.shared).asked.is_empty();
                 let unmade = self.control.stop(&request, sent);
                 self.stops.press(id, request);

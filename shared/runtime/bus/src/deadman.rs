@@ -33,9 +33,9 @@ const AT_ONCE: usize = 16;
 /// Latest instant of a deposit after its arrival, ns: a sender that names a later one does not keep the robot moving.
 const LONGEST_NS: u64 = 1_000_000_000;
 
-/// Whether motor-io accepts a deposit of this request: one that only ever brings the robot to rest.
-fn brings_to_rest(request: &OperatorRequest) -> bool {
-    [RequestBody::VERB_HOLD, RequestBody::VERB_PAUSE, RequestBody::VERB_STOP].contains(&request.body.verb)
+/// Whether motor-io accepts a deposit of this request: one that only ever stops, and that needs no reset afterwards.
+fn is_accepted(request: &OperatorRequest) -> bool {
+    request.body.is_stop() && request.body.verb != RequestBody::VERB_ESTOP
 }
 
 /// Creates the socket of a receiver.
@@ -77,7 +77,7 @@ impl Deposits {
             return None;
         }
         let request: OperatorRequest = bytemuck::pod_read_unaligned(body);
-        if !brings_to_rest(&request) {
+        if !is_accepted(&request) {
             return None;
         }
         self.0.retain(|one| one.sender != sender);

@@ -250,6 +250,12 @@ impl Request {
         }
     }
 
+    /// Returns whether the request only ever ends a motion or suspends it: [`RequestBody::is_stop`].
+    #[must_use]
+    pub fn is_stop(&self) -> bool {
+        self.body().is_stop()
+    }
+
     /// The verb and the numbers, without texts: all of a request to motor-io.
     #[must_use]
     pub fn body(&self) -> RequestBody {
@@ -399,6 +405,12 @@ impl Request {
 }
 
 impl RequestBody {
+    /// Returns whether the request only ever ends a motion or suspends it. It does no harm late or twice.
+    #[must_use]
+    pub const fn is_stop(&self) -> bool {
+        matches!(self.verb, Self::VERB_HOLD | Self::VERB_PAUSE | Self::VERB_STOP | Self::VERB_ESTOP)
+    }
+
     /// Marks an instant. Not in the definition, whose text is as long as the attributes of a channel may be.
     pub const VERB_MARK: u8 = 46;
 
