@@ -179,7 +179,8 @@ impl Anchors {
     }
 
     /// Lengths to a position if the wheels were wider by this, m; NaN inside a wheel.
-    pub(crate) fn lengths_with_wider_m(&self, position: &Vector3<f64>, wider_m: f64) -> CableVec {
+    #[must_use]
+    pub fn lengths_with_wider_m(&self, position: &Vector3<f64>, wider_m: f64) -> CableVec {
         let lengths_m = self.pairs().map(|pair| {
             let radii_m = pair.radii_m.map(|radius_m| radius_m + wider_m);
             Tangents::of(&PairOfCables { radii_m: &radii_m, ..pair }, position).lengths_m()

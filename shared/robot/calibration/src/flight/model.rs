@@ -1,7 +1,6 @@
 //! Currents that follow from lengths, and how they change with each unknown.
 
 use cable_robot::elastic::{self, Equilibrium};
-use cable_robot::pulley::Pulley;
 use cable_robot::{CableVec, Robot, RobotParts, Vector3};
 use nalgebra::DVector;
 
@@ -175,11 +174,11 @@ impl Model {
         velocity: Vector3<f64>,
         acceleration: Vector3<f64>,
     ) -> Option<Place> {
-        let pulleys: Vec<Pulley> = (0..self.cables()).map(|i| self.robot.anchors().pulley(i)).collect();
-        let directions: Option<Vec<_>> = pulleys.iter().map(|pulley| pulley.direction(&at).ok()).collect();
-        let by_radius = CableVec::from_fn(self.cables(), |i| {
-            let wider = Pulley { radius_m: pulleys[i].radius_m + PROBE_RADIUS_M, ..pulleys[i] };
-            let change_m = wider.length_m(&at) - pulleys[i].length_m(&at);
+        let anchors = self.robot.anchors();
+        let directions: Option<Vec<_>> = (0..self.cables()).map(|i| anchors.pulley(i).direction(&at).ok()).collect();
+        let [lengths_m, wider_m] = [0.0, PROBE_RADIUS_M].map(|more_m| anchors.lengths_with_wider_m(&at, more_m));
+        let by_radius = lengths_m.zip_map(&wider_m, |length_m, wider_m| {
+            let change_m = wider_m - length_m;
             if change_m.is_finite() { change_m / PROBE_RADIUS_M } else { 0.0 }
         });
         let (weight_n, drag_n) = (self.robot.wrench_n(&acceleration), self.robot.drag_n(&velocity));
