@@ -9,7 +9,7 @@ use bus::estop::Attempt;
 use bus::{Bus, BusError, Domain, Participant, deadman};
 use client::{ANSWER, MOTOR_IO, PLANNER, Running, SUPERVISOR};
 use gateway_protocol::{ChannelRow, MemoryFigures, RobotFacts};
-use messages::{OperatorRequest, RequestAnswer, put_sentence};
+use messages::{OperatorRequest, RequestAnswer, RequestBody, put_sentence};
 use robot_state::Reason;
 use robot_state::answers::detail;
 use rustix::process::{Pid, test_kill_process};
@@ -104,6 +104,9 @@ impl Robot {
         let domain = Domain::existing(&self.domain).ok().flatten();
         let alive = domain.as_ref().map(Alive::in_domain).unwrap_or_default();
         let stays = self.joined.as_ref().is_some_and(|joined| alive.is_the_robot_of(joined.supervisor));
+        if !alive.motor_io {
+            self.unjoined = None;
+        }
         if stays || self.joined.is_none() && !alive.motor_io {
             return None;
         }
@@ -206,9 +209,22 @@ impl Robot {
         Ok(channels.into_iter().map(|channel| client::channel_row(channel, NAME)).collect())
     }
 
-    /// The answer while no robot runs.
+    /// The answer while no robot runs, or none that can be joined.
     pub(crate) fn absent(&self) -> Box<RequestAnswer> {
-        Box::new(Reason::NoRobotRuns { robot: detail(&self.name) }.answer())
+        Box::new(match &self.unjoined {
+            Some(why) => Reason::RobotUnreached { why: detail(why) }.answer(),
+            None => Reason::NoRobotRuns { robot: detail(&self.name) }.answer(),
+        })
+    }
+
+    /// Sends a stop to a robot that runs and cannot be joined, perhaps because shared memory is full: a dead-man stop
+    /// that is due at once needs no place there, and has no answer.
+    fn stop_unjoined(&mut self, request: &OperatorRequest) -> Option<Box<RequestAnswer>> {
+        let why = self.unjoined.clone()?;
+        let domain = Domain::existing(&self.domain).ok().flatten()?;
+        let sent = sender(&mut self.deadman)?.deposit(&domain, request, 0);
+        let why = format!("{why}; the stop was sent, but this robot cannot answer: look at it");
+        sent.then(|| Box::new(Reason::RobotUnreached { why: detail(why) }.answer()))
     }
 
     /// Sends a request.
@@ -225,6 +241,9 @@ impl Robot {
         let stops = request.body.is_stop();
         if stops {
             self.overtake(ticket);
+            if let Some(answer) = self.stop_unjoined(&request) {
+                return Err(answer);
+            }
         }
         let absent = self.absent();
         let joined = self.joined.as_mut().ok_or(absent)?;
@@ -233,8 +252,13 @@ impl Robot {
             let client = joined.members.client(process).map_err(|error| failed(&error))?;
             joined.lanes.insert(name.to_owned(), Lane::new(client));
         }
-        // motor-io may take up what was sent to it before on another lane after the stop: then it is told again.
-        if stops && joined.lanes.get(MOTOR_IO).is_some_and(Lane::has_sent) {
+        // motor-io may take up what was sent to it before on another lane after the stop: then it is told again. What
+        // ends the motion is told again also if a request that only suspends it has followed.
+        let ends = |again: &Waiting| again.request.body.verb == RequestBody::VERB_STOP;
+        if stops
+            && joined.lanes.get(MOTOR_IO).is_some_and(Lane::has_sent)
+            && !self.again.as_ref().is_some_and(ends)
+        {
             self.again = Some(Waiting { tickets: Vec::new(), request: request.clone(), asked_ns });
         }
         let Some(lane) = joined.lanes.get_mut(name) else { return Ok(()) };
@@ -304,14 +328,7 @@ impl Robot {
     /// could not be sent, perhaps because the queue of motor-io is full. Without a robot nothing moves.
     pub(crate) fn deposit(&mut self, due_ns: u64, request: &OperatorRequest) -> bool {
         let Some(joined) = &self.joined else { return true };
-        let sender = match &self.deadman {
-            Some(sender) => sender,
-            None => match deadman::Sender::new() {
-                Ok(sender) => self.deadman.insert(sender),
-                Err(_) => return false,
-            },
-        };
-        sender.deposit(joined.guests.domain(), request, due_ns)
+        sender(&mut self.deadman).is_some_and(|sender| sender.deposit(joined.guests.domain(), request, due_ns))
     }
 
     /// Withdraws what is deposited.
@@ -428,10 +445,70 @@ impl Alive {
     }
 }
 
+/// The sender of dead-man stops, made when it is needed first.
+fn sender(kept: &mut Option<deadman::Sender>) -> Option<&deadman::Sender> {
+    if kept.is_none() {
+        *kept = deadman::Sender::new().ok();
+    }
+    kept.as_ref()
+}
+
 /// The answer to an emergency stop, which comes without its sentence.
 fn stopped(answered: &OperatorRequest) -> Box<RequestAnswer> {
     let mut answer = answered.recorded_answer().unwrap_or_default();
     let sentence = client::sentence_of_stop(answered);
     put_sentence(&mut answer.text, &sentence);
     Box::new(answer)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bus::clock::now_ns;
+    use messages::Request;
+
+    #[test]
+    fn what_ends_the_motion_is_told_again_also_after_a_request_that_suspends_it() {
+        for (stops, repeated) in [
+            ([Request::Stop, Request::Hold], RequestBody::VERB_STOP),
+            ([Request::Hold, Request::Stop], RequestBody::VERB_STOP),
+            ([Request::Pause, Request::Hold], RequestBody::VERB_HOLD),
+        ] {
+            let domain = Domain::for_test();
+            let motor_io = Bus::join(&domain, MOTOR_IO).unwrap();
+            let _server = motor_io.server(MOTOR_IO).unwrap();
+            let mut robot = Robot::new("demo".to_owned(), "demo".to_owned(), PathBuf::from("unused"));
+            robot.joined = Some(Joined::new(&domain, None).unwrap());
+            let ask = |robot: &mut Robot, ticket, request: Request| {
+                robot.ask(ticket, MOTOR_IO, Box::new(request.encode().unwrap()), now_ns()).unwrap();
+            };
+            ask(&mut robot, 1, Request::Resume);
+            // It is sent, and has no answer yet.
+            assert!(robot.answers(now_ns(), |_| true).is_empty());
+            for (ticket, stop) in (2..).zip(stops) {
+                ask(&mut robot, ticket, stop);
+            }
+            assert_eq!(robot.again.as_ref().map(|again| again.request.body.verb), Some(repeated));
+        }
+    }
+
+    #[test]
+    fn a_robot_that_runs_and_cannot_be_joined_is_stopped_all_the_same() {
+        let domain = Domain::for_test();
+        let mut motor_io = deadman::Receiver::open(&domain).unwrap();
+        let mut robot = Robot::new("demo".to_owned(), domain.name().to_owned(), PathBuf::from("unused"));
+        let refused = |robot: &mut Robot, ticket, request: Request| {
+            robot.ask(ticket, MOTOR_IO, Box::new(request.encode().unwrap()), now_ns()).unwrap_err().reason
+        };
+        let none_runs = Reason::NoRobotRuns { robot: detail("demo") }.code();
+        assert_eq!(refused(&mut robot, 1, Request::Stop), none_runs);
+        assert!(motor_io.overdue().is_none());
+        robot.unjoined = Some("demo runs, but cannot be joined: shared memory is full".to_owned());
+        for (ticket, request) in (2..).zip([Request::Resume, Request::Stop, Request::Hold]) {
+            let unreached = Reason::RobotUnreached { why: detail("") }.code();
+            assert_eq!(refused(&mut robot, ticket, request.clone()), unreached);
+            let stopped = motor_io.overdue().map(|request| request.body.verb);
+            assert_eq!(stopped, request.is_stop().then(|| request.verb()));
+        }
+    }
 }
