@@ -21,7 +21,8 @@ const LOST_CYCLES: u32 = 3;
 /// Longest resynchronisation, s. It usually takes 50 to 100 ms (silence, then a fence), and several times that where
 /// answers are late.
 const RESYNC_S: f64 = 0.4;
-/// Longest time for which a lack of processor time excuses missing replies and low tensions, s.
+/// Longest time for which a lack of processor time, or a port that does not return, excuses missing replies and low
+/// tensions, s.
 const AWAY_S: f64 = 3.0;
 /// Least commanded velocity at which a cable that does not move is a stall, m/s.
 const STALL_COMMAND_M_S: f64 = 0.01;
@@ -179,9 +180,8 @@ impl Watch {
                     (self.silent[unit], self.resync[unit], self.away[unit]) = (0, 0, 0);
                     found.unit(MotorAuthority::FAULT_UNIT_REBOOT, unit);
                 }
-                // This process was late or did not receive the answer, so the counters stay.
-                _ if late => {}
-                _ if starved => self.away[unit] = self.away[unit].saturating_add(1),
+                // This process was late or did not receive the answer, or a driver of the kernel keeps the port.
+                _ if late || starved => self.away[unit] = self.away[unit].saturating_add(1),
                 MotorInput::UNIT_RESYNC | MotorInput::UNIT_SILENT => {
                     self.resync[unit] = self.resync[unit].saturating_add(1)
                 }

@@ -6,7 +6,7 @@ use crate::mode::{Braking, Following, Mode, Steering, Stop};
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
 /// Time without answers because motor-io was late, after which the robot stops on its path, s.
-const LATE_S: f64 = 0.4;
+pub(super) const LATE_S: f64 = 0.4;
 /// Cycles after which a planner that no longer publishes the motion counts as gone. Within fewer, it may be about to.
 const ORPHANED_CYCLES: u32 = 5;
 

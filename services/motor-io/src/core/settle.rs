@@ -1,6 +1,7 @@
 //! Jogging, the length limits, and the end of a stop, a jog or a motion.
 
 use super::Core;
+use super::follow::LATE_S;
 use crate::mode::{Braking, Following, Jog, Mode, Stop};
 use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorState};
@@ -19,6 +20,12 @@ impl Core {
     pub(super) fn jogging(&mut self, mut jog: Jog) -> [f64; CABLES] {
         if self.who_is_lost() & MotorAuthority::FAULT_SUPERVISOR_LOST != 0 {
             self.safety.record_stop(MotorAuthority::FAULT_SUPERVISOR_LOST);
+            jog.cancelled = true;
+            self.safety.enter(Mode::Jogging(jog));
+        }
+        if !jog.cancelled && self.watch.late() > self.config.cycles(LATE_S) {
+            // Lengths and borders are those of the last reading.
+            self.safety.record_stop(MotorAuthority::FAULT_LONG_GAP);
             jog.cancelled = true;
             self.safety.enter(Mode::Jogging(jog));
         }

@@ -175,7 +175,7 @@ fn a_late_motor_io_stops_the_robot_and_loses_no_unit() {
     assert!(during.plan_rate < 0.7, "{}", during.plan_rate);
     rig.until(120, |rig| rig.mode() == A::MODE_HOLDING);
     assert_eq!((rig.faults(), rig.seen().authority.motion), (A::FAULT_LONG_GAP, rig.motion.motion));
-    rig.steps(200);
+    rig.steps(100);
     assert_eq!(rig.faults(), A::FAULT_LONG_GAP);
     rig.unit[0] = MotorInput::UNIT_OK;
     rig.estimate_valid = true;
@@ -183,6 +183,21 @@ fn a_late_motor_io_stops_the_robot_and_loses_no_unit() {
     rig.demand(Request::Resume);
     rig.steps(60);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
+}
+
+/// A port whose driver does not return looks like this too: nothing is known of its units, nor of a stop button there.
+#[test]
+fn a_port_that_does_not_return_ends_a_jog_and_becomes_a_fault() {
+    let mut rig = Rig::default().ready();
+    rig.demand(Request::Jog { cable: 3, distance_m: 1.0 });
+    rig.steps(20);
+    rig.unit[0] = MotorInput::UNIT_LATE;
+    let cycles = rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
+    assert!((40..60).contains(&cycles), "{cycles}");
+    assert_eq!(rig.faults(), A::FAULT_LONG_GAP);
+    let cycles = rig.until(300, |rig| rig.mode() == A::MODE_FAULTED);
+    assert!(cycles > 200, "{cycles}");
+    assert_eq!((rig.faults() & A::FAULT_LOST_UNIT, rig.seen().authority.fault_unit[0]), (A::FAULT_LOST_UNIT, 1));
 }
 
 /// A cable that is reeled in without the current for its tension.
