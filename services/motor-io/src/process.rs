@@ -139,7 +139,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         chassis.pass_begin();
         if !chassis.running() {
             ending += 1;
-            if !process.core.moves() || ending > last_stop {
+            if process.core.is_at_rest() || ending > last_stop {
                 break;
             }
             if ending == 1 {

@@ -305,6 +305,12 @@ impl Core {
     pub fn moves(&self) -> bool {
         self.safety.mode().moves()
     }
+    /// True if nothing was asked to move and every cable is commanded to stand still, also after a fault.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        !self.moves() && self.limits.last_speed() == 0.0
+    }
+
 
     /// True while a controller steers, so that a command that is a little late is worth waiting for.
     #[must_use]
@@ -366,7 +372,8 @@ impl Core {
             let passed_s = gap_s.min(self.config.watchdog_s) - left_out_s;
             jog.left_m -= self.sent.speed_m_s[jog.cable] * (passed_s - self.config.period_s);
         }
-        if self.safety.mode().moves() && gap_s > self.config.watchdog_s {
+        // Also a robot that a fault brakes: its motors stand, and would set out again with what is left of its velocity.
+        if !self.is_at_rest() && gap_s > self.config.watchdog_s {
             self.restart_from_rest(gap_s > LONGEST_GAP_S);
         }
     }
