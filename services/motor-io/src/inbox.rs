@@ -115,10 +115,11 @@ impl Inbox {
         true
     }
 
-    /// Adds emergency stops, which arrive before all other requests. One request is enough for the robot.
-    pub fn emergency(&mut self, stops: usize, first: &OperatorRequest) {
+    /// Adds emergency stops, which arrive before all other requests; the newest was made at `newest_ns`. One request is
+    /// enough for the robot.
+    pub fn emergency(&mut self, stops: usize, first: &OperatorRequest, newest_ns: u64) {
         self.input.estops = stops as u32;
-        self.request_made(first.id, &Request::Estop.body(), first.header.stamp_ns);
+        self.request_made(first.id, &Request::Estop.body(), newest_ns);
     }
 
     /// True if this cycle has room for another request.

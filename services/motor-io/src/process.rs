@@ -269,11 +269,13 @@ impl Process {
         let Self { core, inbox, drives, ports, server, emergency, deadman, reporter, limits, .. } = self;
         let stops = emergency.receive();
         if let Some(first) = stops.first() {
-            inbox.emergency(stops.len(), &first.request);
+            let newest_ns = stops.iter().map(|stop| stop.request.header.stamp_ns).max().unwrap_or_default();
+            inbox.emergency(stops.len(), &first.request, newest_ns);
         }
         let overdue = deadman.overdue();
         if let Some(request) = &overdue {
-            inbox.request_made(request.id, &request.body, request.header.stamp_ns);
+            // It was deposited earlier, and stops what was requested until it fell due.
+            inbox.request_made(request.id, &request.body, now_ns());
         }
         let call = ports.gather(core.motion(), inbox, server, reporter);
         let begin_ns = now_ns();

@@ -32,11 +32,18 @@ fn may_move(request: &Request) -> bool {
 type Outcome = Result<Reason, Reason>;
 
 impl Core {
-    /// Carries out one request that was made `age_s` ago. A late request may bring the robot to rest and never moves
-    /// it.
-    pub(crate) fn request(&mut self, input: &MotorInput, id: u64, body: &RequestBody, age_s: f64) -> Answer {
+    /// Carries out one request that was made at `made_ns`; 0: now. A late request may bring the robot to rest and never
+    /// moves it.
+    pub(crate) fn request(&mut self, input: &MotorInput, id: u64, body: &RequestBody, made_ns: u64) -> Answer {
+        let made_ns = if made_ns == 0 { input.begin_ns } else { made_ns };
+        let age_s = input.begin_ns.saturating_sub(made_ns) as f64 * 1e-9;
+        if body.is_stop() {
+            // A stop of the future would forbid motion until then.
+            self.stopped_ns = self.stopped_ns.max(made_ns.min(input.begin_ns));
+        }
         let outcome = match Request::from_body(body) {
             Ok(request) if age_s > STALE_S && !brings_to_rest(&request) => Err(Reason::TooLate { age_s }),
+            Ok(request) if made_ns < self.stopped_ns && may_move(&request) => Err(Reason::OvertakenByStop),
             Ok(request) => self.carry_out(input, &request),
             Err(error) => Err(Reason::Undecodable { why: detail(error) }),
         };

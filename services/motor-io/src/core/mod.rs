@@ -103,6 +103,8 @@ pub struct Core {
     pub(crate) arbiter: Arbiter,
     energy: EnergyMeter,
     answers: ArrayVec<Answer, REQUESTS>,
+    /// When the newest request to stop was made, ns.
+    pub(crate) stopped_ns: u64,
     still: Still,
     /// A unit did not answer in the last exchange.
     unit_trouble: bool,
@@ -192,6 +194,7 @@ impl Core {
             energy: EnergyMeter::default(),
             chosen: None,
             answers: ArrayVec::new(),
+            stopped_ns: 0,
             still: Still::default(),
             unit_trouble: false,
             supervisor: Beat::default(),
@@ -230,11 +233,7 @@ impl Core {
         self.chosen = self.arbiter.choose(input, &context, |segment| motion.has(segment) || (ended && segment == 0));
         for i in 0..REQUESTS {
             if input.request[i].verb != 0 {
-                let age_s = match input.request_stamp_ns[i] {
-                    0 => 0.0,
-                    made_ns => input.begin_ns.saturating_sub(made_ns) as f64 * 1e-9,
-                };
-                let answer = self.request(input, input.request_id[i], &input.request[i], age_s);
+                let answer = self.request(input, input.request_id[i], &input.request[i], input.request_stamp_ns[i]);
                 self.answers.push(answer);
             }
         }
@@ -305,12 +304,12 @@ impl Core {
     pub fn moves(&self) -> bool {
         self.safety.mode().moves()
     }
+
     /// True if nothing was asked to move and every cable is commanded to stand still, also after a fault.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         !self.moves() && self.limits.last_speed() == 0.0
     }
-
 
     /// True while a controller steers, so that a command that is a little late is worth waiting for.
     #[must_use]

@@ -100,3 +100,50 @@ fn a_late_request_can_only_bring_the_robot_to_rest() {
     assert!(rig.step().answers[0].is_accepted());
     assert_eq!(rig.mode(), A::MODE_STOPPING);
 }
+
+/// Stops and other requests take different ways, so either may arrive first.
+#[test]
+fn a_motion_that_was_requested_before_a_stop_does_not_begin_after_it() {
+    for stop in [Request::Estop, Request::Stop, Request::Hold] {
+        let jog = Request::Jog { cable: 1, distance_m: 0.1 };
+        for request in [Request::Reset, Request::Arm, Request::Resume, Request::Soft, jog] {
+            let mut rig = Rig::default().ready();
+            let made_ns = rig.now_ns + 1;
+            rig.steps(2);
+            // Both in one cycle, the stop first, as motor-io reads them.
+            assert!(rig.inbox.request_made(1, &stop.body(), made_ns + 1));
+            assert!(rig.inbox.request_made(2, &request.body(), made_ns));
+            assert_eq!(rig.step().answers[1].reason, Reason::OvertakenByStop, "{request:?} after {stop:?}");
+            let mode = rig.mode();
+            // The other one a cycle later.
+            assert!(rig.inbox.request_made(3, &request.body(), made_ns));
+            assert_eq!(rig.step().answers[0].reason, Reason::OvertakenByStop, "{request:?} after {stop:?}");
+            assert_eq!(rig.mode(), mode);
+        }
+    }
+    // A reset that was made afterwards is one, also where the stop states a time to come.
+    for ahead_ns in [0, 1_000_000_000_000] {
+        let mut rig = Rig::default().ready();
+        assert!(rig.inbox.request_made(1, &Request::Estop.body(), rig.now_ns + ahead_ns));
+        rig.step();
+        assert_eq!(rig.mode(), A::MODE_EMERGENCY_STOP);
+        assert!(rig.inbox.request_made(2, &Request::Reset.body(), rig.now_ns + 1));
+        rig.step();
+        assert_eq!(rig.mode(), A::MODE_HOLDING);
+    }
+}
+
+/// The drives' watchdog has stopped the motors, so nothing is left to brake.
+#[test]
+fn after_a_gap_beyond_the_watchdog_a_braking_robot_stays_at_rest() {
+    let mut rig = Rig::following([0.3, -0.3, 0.15]);
+    rig.steps(100);
+    rig.status[1] = 0x40;
+    rig.until(50, |rig| rig.mode() == A::MODE_FAULTED);
+    rig.step();
+    assert!(rig::speed(&rig) > 0.0 && !rig.core.is_at_rest());
+    rig.velocity_m_s = [0.0; 8];
+    rig.step_after(500_000_000, 500_000_000);
+    assert_eq!((rig.mode(), rig::speed(&rig)), (A::MODE_FAULTED, 0.0));
+    assert!(rig.core.is_at_rest());
+}

@@ -377,7 +377,7 @@ answers! {
     471 PluginFailed { plugin: Detail, verb: Detail, why: Detail } REFUSED, "{plugin}: no {verb}: {why}";
     472 SensorOfAnother { plugin: Detail, sensor: Detail } REFUSED, "{plugin} may not publish sensor/{sensor}: a plug-in delivers the readings of its own name only; send them under the name that the system file declares for it";
     473 SensorTakenTooOften { sensor: Detail } REFUSED, "connections take sensor/{sensor} too often; keep one open, and try again in a second";
-    474 OvertakenByStop REFUSED, "the robot was told to stop after this request, so it was not sent; ask again";
+    474 OvertakenByStop REFUSED, "the robot was told to stop after this request, so it is not carried out; ask again";
     475 WithdrawnByStop REFUSED, "the robot was told to stop while this motion was being planned, so it was withdrawn; ask again";
     476 WaitedTooLong { within_s: f64 } REFUSED, "the request has waited for {within_s:.0} s and was not sent; look at the robot, then ask again";
     477 RequesterGone REFUSED, "its client is gone, so the request was not sent";
