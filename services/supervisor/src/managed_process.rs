@@ -183,6 +183,13 @@ impl ManagedProcess {
         kept.iter().rev().find(|line| !line.is_empty()).cloned()
     }
 
+    /// The last text lines of its diagnostics so far.
+    #[must_use]
+    pub fn last_lines(&self) -> Vec<String> {
+        let kept = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.iter().filter(|line| !line.is_empty()).cloned().collect()
+    }
+
     /// The last diagnostic before it ended that may be the cause.
     #[must_use]
     pub fn last_diagnostic(&self) -> Option<&str> {

@@ -156,6 +156,37 @@ impl RunFolder {
     }
 }
 
+/// What a start that fails leaves of its run: the whole folder, or nothing.
+#[derive(Debug)]
+pub struct Leftover(Option<PathBuf>);
+
+impl Leftover {
+    /// Until [`Self::keep`] is called, dropping it removes the folder if `is_removed`.
+    pub fn of(folder: &RunFolder, is_removed: bool) -> Self {
+        Self(is_removed.then(|| folder.path.clone()))
+    }
+
+    /// Whether the folder will be removed.
+    #[must_use]
+    pub fn is_removed(&self) -> bool {
+        self.0.is_some()
+    }
+
+    /// The run has begun.
+    pub fn keep(&mut self) {
+        self.0 = None;
+    }
+}
+
+impl Drop for Leftover {
+    fn drop(&mut self) {
+        if let Some(run) = &self.0 {
+            // What cannot be removed is a run like any other.
+            let _ = fs::remove_dir_all(run);
+        }
+    }
+}
+
 /// The configuration that every process of the run reads. Only the copy for the virtual motor box contains the true
 /// world. The recorder attaches it to the run file, which is then
 /// complete without other files.

@@ -43,6 +43,12 @@ impl ServiceManager {
         Self { socket: variable(SOCKET).and_then(|name| connect(&name)), pause_ns, ..Self::default() }
     }
 
+    /// Whether a service manager has started this program.
+    #[must_use]
+    pub fn is_there(&self) -> bool {
+        self.socket.is_some()
+    }
+
     /// The robot is up.
     pub fn ready(&self) {
         self.send("READY=1");

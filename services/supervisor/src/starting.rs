@@ -11,7 +11,7 @@ use super::process_spec::{ProcessSpec, RunContext};
 use super::recording::Recording;
 use super::refused::{Decision, not_started};
 use super::restarts::Restarts;
-use super::run_folder::RunFolder;
+use super::run_folder::{Leftover, RunFolder};
 use super::service_manager::ServiceManager;
 use super::settings::Settings;
 use super::stale_processes::{self, ProcessIdentity};
@@ -72,6 +72,7 @@ impl Supervisor {
         let busy = SystemLoad::read();
         let system_path = std::path::absolute(wanted.system_path).map_err(Failure::bad)?;
         let file = SystemFile::load(&system_path).map_err(Failure::bad)?;
+        let is_service = ServiceManager::of_environment().is_there();
         ports_are_there(&file)?;
         let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
         let claim = domain.claim()?;
@@ -83,6 +84,9 @@ impl Supervisor {
         let clock = runlog::RunClock::now();
         domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
         let run = folder.path().to_path_buf();
+        // A service starts again and again while the drives have no power. A run for each attempt would make the quota
+        // remove the flights.
+        let mut leftover = Leftover::of(&folder, is_service && wanted.run.is_none());
         let archive = Archive::open(&run).map_err(Failure::not_now)?;
         let context = site_of_run(&folder, &archive, &system_path, &domain)?;
         let members = context.members()?;
@@ -102,6 +106,10 @@ impl Supervisor {
         if let Err(failure) = supervisor.bring_up(members) {
             supervisor.manager.stopping();
             supervisor.close("a process did not come up");
+            if leftover.is_removed() {
+                supervisor.print_diagnostics();
+                return Err(failure);
+            }
             let run = supervisor.folder.path().display();
             let in_run = format!("{failure}; the run is in {run}");
             return Err(failure.with_sentence(in_run));
@@ -113,6 +121,7 @@ impl Supervisor {
         supervisor.recover_unfinished_runs(earlier);
         supervisor.report_status();
         supervisor.manager.ready();
+        leftover.keep();
         Ok(supervisor)
     }
 
@@ -235,6 +244,18 @@ impl Supervisor {
                 self.announcer.warn(&format!("still waiting for {}", missing.join(", ")));
             }
             clock::sleep_until(clock::now_ns() + POLL_NS);
+        }
+    }
+
+    /// Prints the last lines of the processes that did not come up, for the log of the service: their own is removed with
+    /// the run.
+    fn print_diagnostics(&mut self) {
+        let missing = |child: &&ManagedProcess| child.ready_ns.is_none() || child.has_died();
+        let said = |child: &ManagedProcess| {
+            child.last_lines().into_iter().map(|line| format!("{}: {line}", child.member.name)).collect::<Vec<_>>()
+        };
+        for line in self.process_set.iter().filter(missing).flat_map(said).collect::<Vec<_>>() {
+            self.announcer.info(&line);
         }
     }
 

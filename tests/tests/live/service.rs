@@ -1,13 +1,14 @@
 //! The robot under a service manager: what it is told, and what remains after the supervisor's death.
 
-use crate::robot::{Robot, THREE_CABLES, program, samples_of, steadily};
-use bus::clock;
+use crate::robot::{Robot, THREE_CABLES, alone, copy_configs, program, root, samples_of, steadily};
+use bus::{Domain, clock};
 use messages::MotorAuthority;
 use rustix::process::Signal;
 use serde_json::Value;
 use std::cell::RefCell;
 use std::os::unix::net::UnixDatagram;
-use std::process::Command;
+use std::path::Path;
+use std::process::{Command, Output};
 use std::time::Duration;
 
 /// Messages of the service that have not been read yet.
@@ -34,6 +35,43 @@ fn until(manager: &UnixDatagram, wanted: &str) -> Vec<String> {
 
 fn signs(messages: &[String]) -> usize {
     messages.iter().filter(|message| *message == "WATCHDOG=1").count()
+}
+
+/// `nims up` of a robot whose drives are on that port, as a service or on the command line.
+fn up_with_port(folder: &Path, port: &str, is_service: bool) -> Output {
+    let system = folder.join("configs/systems/demo3.toml");
+    let text = std::fs::read_to_string(root().join("configs/systems/demo3.toml")).unwrap();
+    std::fs::write(&system, text.replace("{domain}/drive0", port)).unwrap();
+    let domain = Domain::for_test();
+    let mut command = Command::new(program());
+    command.args(["up", "--domain", domain.name(), "--for", "1"]).arg(system).env_remove("NOTIFY_SOCKET");
+    if is_service {
+        command.env("NOTIFY_SOCKET", folder.join("notify"));
+    }
+    command.output().unwrap()
+}
+
+/// Number of runs in the folder of the runs.
+fn runs(folder: &Path) -> usize {
+    std::fs::read_dir(folder.join("runs")).map_or(0, Iterator::count)
+}
+
+#[test]
+fn a_service_whose_drives_do_not_answer_leaves_no_run_per_attempt() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    copy_configs(folder.path());
+    // A device that is there and is no drive.
+    let output = up_with_port(folder.path(), "/dev/null", true);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), runs(folder.path())), (Some(1), 0), "{said}");
+    // Its log was in the run.
+    assert!(said.lines().any(|line| line.starts_with("nims: motor-io: ") && line.contains("/dev/null")), "{said}");
+    // A person looks into the run.
+    let output = up_with_port(folder.path(), "/dev/null", false);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), runs(folder.path())), (Some(1), 1), "{said}");
+    assert!(said.contains("/runs/"), "{said}");
 }
 
 #[test]

@@ -38,6 +38,11 @@ pub fn root() -> PathBuf {
 /// Two robots at once would take processor time from each other.
 static ONE_ROBOT: Mutex<()> = Mutex::new(());
 
+/// Waits until no robot of another test runs, and keeps others waiting.
+pub fn alone() -> MutexGuard<'static, ()> {
+    ONE_ROBOT.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// A robot with processes, in a separate domain and folder.
 pub struct Robot {
     supervisor: Child,
@@ -90,7 +95,7 @@ impl Robot {
 
     /// Started, but perhaps not up yet.
     pub fn begin(file: &'static str, more: &str, change: impl FnOnce(&Path)) -> Self {
-        let alone = ONE_ROBOT.lock().unwrap_or_else(PoisonError::into_inner);
+        let alone = alone();
         let folder = tempfile::tempdir().unwrap();
         let configs = copy_configs(folder.path());
         change(&configs);
