@@ -73,7 +73,7 @@ impl Supervisor {
         let system_path = std::path::absolute(wanted.system_path).map_err(Failure::bad)?;
         let file = SystemFile::load(&system_path).map_err(Failure::bad)?;
         let is_service = ServiceManager::of_environment().is_there();
-        ports_are_there(&file)?;
+        ports_are_there(&file, is_service)?;
         let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
         let claim = domain.claim()?;
         let earlier = Running::read(&domain);
@@ -361,8 +361,9 @@ fn needs_one_of(member: &ProcessSpec, waiting: &[ProcessSpec]) -> bool {
     waiting.iter().any(|other| member.starts_after().contains(&other.role))
 }
 
-/// Checks that every configured device exists; the virtual motor box creates its own.
-fn ports_are_there(file: &SystemFile) -> Answer {
+/// Checks that every configured device exists; the virtual motor box creates its own. A service is started again, and
+/// may then find a device whose hub gets its power later.
+fn ports_are_there(file: &SystemFile, is_service: bool) -> Answer {
     for (index, port) in file.motor_io.ports.iter().enumerate() {
         let number = index + 1;
         if port.path.contains("{domain}") {
@@ -372,10 +373,11 @@ fn ports_are_there(file: &SystemFile) -> Answer {
                 )));
             }
         } else if !Path::new(&port.path).exists() {
-            return Err(Failure::BadInput(format!(
+            let sentence = format!(
                 "port {number}: there is no device {}; plug in the drives (/dev/serial/by-id has stable names)",
                 port.path
-            )));
+            );
+            return Err(if is_service { Failure::NotNow(sentence) } else { Failure::BadInput(sentence) });
         }
     }
     Ok(())

@@ -57,7 +57,7 @@ fn runs(folder: &Path) -> usize {
 }
 
 #[test]
-fn a_service_whose_drives_do_not_answer_leaves_no_run_per_attempt() {
+fn a_service_whose_drives_are_missing_is_started_again_and_leaves_no_run_per_attempt() {
     let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     copy_configs(folder.path());
@@ -67,6 +67,11 @@ fn a_service_whose_drives_do_not_answer_leaves_no_run_per_attempt() {
     assert_eq!((output.status.code(), runs(folder.path())), (Some(1), 0), "{said}");
     // Its log was in the run.
     assert!(said.lines().any(|line| line.starts_with("nims: motor-io: ") && line.contains("/dev/null")), "{said}");
+    // A device that appears later is no bad input, after which the manager would not start the service again.
+    let output = up_with_port(folder.path(), "/dev/no-such-port", true);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), runs(folder.path())), (Some(1), 0), "{said}");
+    assert!(said.contains("/dev/no-such-port"), "{said}");
     // A person looks into the run.
     let output = up_with_port(folder.path(), "/dev/null", false);
     let said = String::from_utf8_lossy(&output.stderr);
