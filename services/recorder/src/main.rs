@@ -39,7 +39,7 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     let settings = Settings::new(&section, args.run.clone(), about(chassis, &args.run));
     let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
     let mut recorder = Recorder::open(chassis.bus(), settings, section.exclude)?;
-    recover_leftovers(&args.run, recorder.session().file());
+    recover_leftovers(recorder.session());
     chassis.ready()?;
     while chassis.running() {
         let wake = chassis.wait(&mut waiter, Some(recorder.next_poll_ns()))?;

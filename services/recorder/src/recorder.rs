@@ -1,11 +1,11 @@
 //! The loop of the process: receive, write, flush, report.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use bus::clock::{SECOND_NS, now_ns};
 use bus::{Bus, BusError, Publisher};
 use messages::RecorderStatus;
-use runlog::{PART_ENDING, RunClock, RunError, free_bytes, recover, segments};
+use runlog::{PART_ENDING, RunClock, RunError, free_bytes, recover_leaving, segments};
 
 use crate::around::BlobsAround;
 use crate::batch::Batch;
@@ -115,7 +115,7 @@ impl Recorder {
             (self.next_status_ns, self.published_rows) = (now, 0);
         }
         if self.session.wants_recovery() {
-            recover_leftovers(self.session.folder(), self.session.file());
+            recover_leftovers(&self.session);
         }
         if now >= self.next_status_ns && !self.publish_status(now)? {
             (self.next_status_ns, self.published_rows) = (now + SECOND_NS, 0);
@@ -182,14 +182,14 @@ impl Recorder {
     }
 }
 
-/// Recovers, in a thread, the files that an earlier recorder of the same run left unfinished; `current` is the file
-/// being written.
-pub fn recover_leftovers(folder: &Path, current: &str) {
+/// Recovers, in a thread, the files that an earlier recorder of the same run left unfinished.
+pub fn recover_leftovers(session: &Session) {
+    let (current, leave_bytes) = (session.file(), session.min_free_bytes());
     let unfinished = |path: &PathBuf| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         name.strip_suffix(".part").is_some_and(|name| name != current) && name.ends_with(PART_ENDING)
     };
-    let left: Vec<PathBuf> = segments(folder).unwrap_or_default().into_iter().filter(unfinished).collect();
+    let left: Vec<PathBuf> = segments(session.folder()).unwrap_or_default().into_iter().filter(unfinished).collect();
     if left.is_empty() {
         return;
     }
@@ -197,7 +197,7 @@ pub fn recover_leftovers(folder: &Path, current: &str) {
         // On Linux this sets the nice value of this thread only, so that the recording has priority.
         let _ = rustix::process::nice(10);
         for path in left {
-            match recover(&path, &mut |_, _| {}) {
+            match recover_leaving(&path, leave_bytes, &mut |_, _| {}) {
                 Ok(recovery) => tracing::warn!("an earlier recording was not closed; {recovery}"),
                 Err(RunError::Busy { .. }) => {}
                 Err(error) => tracing::error!("{error}"),

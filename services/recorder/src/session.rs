@@ -490,6 +490,12 @@ impl Session {
         &self.settings.folder
     }
 
+    /// Returns the free space below which recording stops, bytes.
+    #[must_use]
+    pub fn min_free_bytes(&self) -> u64 {
+        self.settings.min_free_bytes
+    }
+
     /// Returns the final name of the present or last file.
     #[must_use]
     pub fn file(&self) -> &str {

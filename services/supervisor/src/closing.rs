@@ -234,7 +234,7 @@ impl Supervisor {
     /// Closes the run files that a recorder left open.
     fn recover(&mut self, run: &Path) {
         for part in parts(run) {
-            match runlog::recover(&part, &mut |_, _| {}) {
+            match runlog::recover_leaving(&part, self.context.file.recorder.min_free_bytes, &mut |_, _| {}) {
                 Ok(_) => {
                     let why = format!("{} was not closed by its recorder and has been recovered", part.display());
                     self.recording.record_failure(&why);

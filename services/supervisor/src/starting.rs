@@ -183,7 +183,7 @@ impl Supervisor {
         let mut folders = vec![self.context.file.runs.clone()];
         folders.extend(present.parent().map(Path::to_path_buf));
         let runs = earlier.into_iter().map(|earlier| earlier.run).collect();
-        match UnfinishedRuns::recover(folders, runs, present) {
+        match UnfinishedRuns::recover(folders, runs, present, self.context.file.recorder.min_free_bytes) {
             Ok(unfinished_runs) => self.unfinished_runs = unfinished_runs,
             Err(error) => self.announcer.error(&format!("earlier runs could not be recovered: {error}")),
         }

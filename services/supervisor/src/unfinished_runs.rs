@@ -28,17 +28,23 @@ pub struct UnfinishedRuns {
 }
 
 impl UnfinishedRuns {
-    /// Starts the recovery of every run in `folders` and of `runs`, except the `present` one, whose recorder runs.
+    /// Starts the recovery of every run in `folders` and of `runs`, except the `present` one, whose recorder runs and
+    /// keeps `leave_bytes` free.
     ///
     /// # Errors
     /// No thread can be started.
-    pub fn recover(folders: Vec<PathBuf>, runs: Vec<PathBuf>, present: PathBuf) -> std::io::Result<Self> {
+    pub fn recover(
+        folders: Vec<PathBuf>,
+        runs: Vec<PathBuf>,
+        present: PathBuf,
+        leave_bytes: u64,
+    ) -> std::io::Result<Self> {
         let (say, news) = channel();
         std::thread::Builder::new().name("recover".to_owned()).spawn(move || {
             // On Linux niceness is per thread: the robot's processes take precedence.
             let _ = rustix::process::nice(10);
             for part in left_in(&folders, &runs, &present) {
-                recover_one(&part, &say);
+                recover_one(&part, leave_bytes, &say);
             }
         })?;
         Ok(Self { news: Some(news) })
@@ -60,7 +66,7 @@ impl UnfinishedRuns {
     }
 }
 
-fn recover_one(part: &Path, say: &Sender<RecoveryEvent>) {
+fn recover_one(part: &Path, leave_bytes: u64, say: &Sender<RecoveryEvent>) {
     let fresh = |part: &Path| {
         let written = fs::metadata(part).and_then(|file| file.modified()).ok();
         // After a clock step backwards, a file from the future does not count as fresh.
@@ -74,7 +80,7 @@ fn recover_one(part: &Path, say: &Sender<RecoveryEvent>) {
         let _ = say.send(news);
     };
     let mut initial = false;
-    let result = runlog::recover(part, &mut |done, all| {
+    let result = runlog::recover_leaving(part, leave_bytes, &mut |done, all| {
         // A small file completes in one step; its start is not reported.
         if done < all && !std::mem::replace(&mut initial, true) {
             tell(RecoveryEvent::Started(format!(
@@ -156,7 +162,7 @@ mod tests {
         fs::write(runs.join("note.mcap.part"), "in no run").unwrap();
 
         let mut unfinished_runs =
-            UnfinishedRuns::recover(vec![runs.clone()], vec![runs.join("first")], runs.join("present")).unwrap();
+            UnfinishedRuns::recover(vec![runs.clone()], vec![runs.join("first")], runs.join("present"), 1).unwrap();
         let mut recovered = Vec::new();
         for news in unfinished_runs.finish(Duration::from_secs(60)) {
             match news {

@@ -302,7 +302,14 @@ fn the_oldest_finished_runs_make_room_and_nothing_else() {
     assert_eq!(left().len(), 5);
     // The rest of a deleted run counts for no other one, and goes.
     make(".deleted-2026-01-01T00-00-00Z-old", "run.mcap");
+    // As an interrupted recovery leaves it, and as one that runs.
+    let [dead, living] = [3, 4].map(|day| runs.join(format!("2026-01-0{day}T00-00-00Z-lab/run.mcap.recovering")));
+    fs::write(&living, "").unwrap();
+    fs::write(&dead, vec![1u8; 300_000]).unwrap();
+    let hours_ago = std::time::SystemTime::now() - std::time::Duration::from_secs(7200);
+    fs::File::open(&dead).unwrap().set_modified(hours_ago).unwrap();
     let output = keep("14");
+    assert!(living.exists() && !dead.exists());
     assert!(printed(&output).contains("2026-01-01"), "{}", printed(&output));
     assert_eq!(left().len(), 4);
     assert!(keep("1").status.success());

@@ -45,6 +45,19 @@ pub enum RunError {
         /// The file.
         path: PathBuf,
     },
+    /// The disk has no room for the recovered file.
+    #[error(
+        "{}: its recovery needs {:.0} MB on the disk, which has {:.0} MB left; make room, such as by removing old runs",
+        path.display(), *needed_bytes as f64 / 1e6, *free_bytes as f64 / 1e6
+    )]
+    NoRoom {
+        /// The file.
+        path: PathBuf,
+        /// Bytes that the disk has left.
+        free_bytes: u64,
+        /// Bytes that the disk has to have left.
+        needed_bytes: u64,
+    },
     /// A sample does not have the size of its channel's type.
     #[error("channel {channel}: sample size is {got} bytes; accepted: {expected}")]
     Size {

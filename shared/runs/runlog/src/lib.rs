@@ -68,7 +68,7 @@ pub use folder::{FILE_ENDING, PART_ENDING, free_bytes, next_file, segments};
 pub use info::{ChannelReport, FileReport, GapReport, RunInspection, RunReport, cause_phrase, info, info_with};
 pub use instant::{Instant, KeptSample, RECENT};
 pub use read::{RecordedChannel, RecordedSample, RunReader, read_channel};
-pub use recover::{Recovery, recover};
+pub use recover::{Recovery, recover, recover_leaving};
 pub use scan::Damage;
 pub use sequence::Sequence;
 pub use sync::SyncReport;

@@ -12,7 +12,7 @@ use mcap::records::{MessageHeader, Metadata, Record};
 use rustix::fs::{FlockOperation, flock};
 use serde::Serialize;
 
-use crate::folder::{FILE_ENDING, PART_ENDING, RECOVERED_ENDING, open_file, stem, sync_folder};
+use crate::folder::{FILE_ENDING, PART_ENDING, RECOVERED_ENDING, free_bytes, open_file, stem, sync_folder};
 use crate::scan::{Item, Scanner};
 use crate::write::{Attachment, CHANNELS_BEGINNING, ChannelDefinition, CountingWriter, attach, options};
 use crate::{Damage, NotARunReason, RunError};
@@ -66,6 +66,18 @@ impl std::fmt::Display for Recovery {
 /// # Errors
 /// The file is being recorded, is not a run file, or the result cannot be written.
 pub fn recover(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Recovery, RunError> {
+    recover_leaving(path, 0, progress)
+}
+
+/// As [`recover`], only if `leave_bytes` stay free on the disk meanwhile, for a recorder that writes to it.
+///
+/// # Errors
+/// As [`recover`], or the disk has less room than that.
+pub fn recover_leaving(
+    path: &Path,
+    leave_bytes: u64,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<Recovery, RunError> {
     let lock = open_file(path)?;
     if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
         return Err(RunError::Busy { path: path.to_owned() });
@@ -77,13 +89,17 @@ pub fn recover(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Recove
     temporary.push(".recovering");
     let temporary = PathBuf::from(temporary);
 
-    let mut copied = copy(path, &temporary, &[], progress)?;
-    if copied.orphaned > 0 && !copied.orphans.is_disjoint(&copied.definitions.iter().map(|one| one.id).collect()) {
-        // the first copy of the definitions was damaged; the intact one comes after the samples that need it
-        let definitions = std::mem::take(&mut copied.definitions);
-        copied = copy(path, &temporary, &definitions, progress)?;
+    // An interrupted recovery has left it. The lock of the source keeps others away.
+    let _ = fs::remove_file(&temporary);
+    check_room(path, leave_bytes)?;
+    let copied = copy_whole(path, &temporary, progress).and_then(|copied| {
+        fs::rename(&temporary, &target).map_err(RunError::io(&target, "rename the recovered file"))?;
+        Ok(copied)
+    });
+    if copied.is_err() {
+        let _ = fs::remove_file(&temporary);
     }
-    fs::rename(&temporary, &target).map_err(RunError::io(&target, "rename the recovered file"))?;
+    let copied = copied?;
     sync_folder(&target)?;
 
     let damaged = copied.orphaned > 0 || copied.damage.iter().any(|damage| !damage.torn_end);
@@ -110,6 +126,16 @@ pub fn recover(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Recove
         source_bytes: copied.source_bytes,
         bytes,
     })
+}
+
+/// Checks that the disk has room for a copy of the file, and `leave_bytes` more.
+fn check_room(path: &Path, leave_bytes: u64) -> Result<(), RunError> {
+    let bytes = fs::metadata(path).map_err(RunError::io(path, "read the run file"))?.len();
+    let (needed_bytes, free_bytes) = (bytes.saturating_add(leave_bytes), free_bytes(path)?);
+    if free_bytes < needed_bytes {
+        return Err(RunError::NoRoom { path: path.to_owned(), free_bytes, needed_bytes });
+    }
+    Ok(())
 }
 
 fn target_of(path: &Path) -> Result<PathBuf, RunError> {
@@ -144,6 +170,17 @@ struct Copy<'a> {
     known: BTreeSet<u16>,
     schemas: BTreeMap<u16, (String, Vec<u8>)>,
     done: Copied,
+}
+
+/// Copies everything that can be read.
+fn copy_whole(source: &Path, temporary: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Copied, RunError> {
+    let mut copied = copy(source, temporary, &[], progress)?;
+    if copied.orphaned > 0 && !copied.orphans.is_disjoint(&copied.definitions.iter().map(|one| one.id).collect()) {
+        // the first copy of the definitions was damaged; the intact one comes after the samples that need it
+        let definitions = std::mem::take(&mut copied.definitions);
+        copied = copy(source, temporary, &definitions, progress)?;
+    }
+    Ok(copied)
 }
 
 fn copy(

@@ -187,6 +187,34 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
 }
 
 #[test]
+fn a_recovery_leaves_room_for_a_recorder_and_nothing_where_it_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let (writer, _) = run(folder.path(), 130);
+    writer.give_up();
+    let part = folder.path().join("run.mcap.part");
+    let left = || {
+        let mut names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        names.retain(|name| name.to_string_lossy().starts_with("run"));
+        names.sort();
+        names
+    };
+    // An interrupted recovery has left its file.
+    fs::write(folder.path().join("run.mcap.recovering"), "half").unwrap();
+    let bytes = fs::metadata(&part).unwrap().len();
+    let refused = recover_leaving(&part, u64::MAX - bytes, &mut quiet).unwrap_err();
+    assert!(matches!(refused, RunError::NoRoom { needed_bytes: u64::MAX, .. }), "{refused}");
+    assert_eq!(left(), ["run.mcap.part"]);
+    // The result cannot take its place.
+    let target = folder.path().join("run.mcap");
+    let failed = recover_leaving(&part, 1, &mut |_, _| fs::create_dir_all(&target).unwrap()).unwrap_err();
+    assert!(matches!(failed, RunError::Io { .. }), "{failed}");
+    assert_eq!(left(), ["run.mcap", "run.mcap.part"]);
+    fs::remove_dir(&target).unwrap();
+    assert_eq!(recover_leaving(&part, 1, &mut quiet).unwrap().messages, 200);
+    assert_eq!(left(), ["run.mcap"]);
+}
+
+#[test]
 fn a_recovered_file_lacks_what_the_numbers_of_the_next_one_show() {
     // Each file but the last is as a killed recorder leaves it: flushed up to sample 100, then recovered.
     for (next, lack) in [(101_u64, MissingData::Nothing), (131, MissingData::NotOnDisk)] {

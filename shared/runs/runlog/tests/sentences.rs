@@ -23,6 +23,7 @@ fn the_sentences_are_those_of_the_file() {
         RunError::Write { path: path(), why: "no space left on device".into() },
         RunError::Removed { path: path() },
         RunError::Busy { path: path() },
+        RunError::NoRoom { path: path(), free_bytes: 600_000_000, needed_bytes: 2_500_000_000 },
         RunError::Size { channel: "motor/state".into(), got: 8, expected: 16 },
         RunError::Type { channel: "motor/state".into(), found: "a/A/1".into(), wanted: "b/B/2".into() },
     ] {
