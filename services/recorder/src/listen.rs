@@ -17,6 +17,8 @@ const BATCH_BYTES: usize = 2 << 20;
 #[derive(Default)]
 pub struct Listening {
     taps: Vec<(Tap, usize)>,
+    /// The tap with which the next batch begins.
+    first: usize,
     watch: ChannelWatch,
     /// Channels that could not be opened, and whether that was reported.
     waiting: Vec<(ChannelInfo, bool)>,
@@ -81,12 +83,16 @@ impl Listening {
     }
 
     /// Receives the samples of every channel into the batch; returns whether more samples are left than a batch holds.
+    /// The next batch then begins with the next channel, so that none waits for one that never ends.
     pub fn drain(&mut self, batch: &mut Batch, now_ns: u64) -> bool {
-        for (tap, row) in &mut self.taps {
+        let count_of_taps = self.taps.len();
+        for place in (self.first..count_of_taps).chain(0..self.first) {
+            let Some((tap, row)) = self.taps.get_mut(place) else { continue };
             let has_header = tap.has_header();
             let mut count = tap.received();
             loop {
                 if batch.bytes() >= BATCH_BYTES {
+                    self.first = (place + 1) % count_of_taps;
                     return true;
                 }
                 count += 1;

@@ -21,6 +21,11 @@ const SEARCH_NS: u64 = SECOND_NS;
 /// Rows of `recorder/status` that are published at once: the recorder receives them too, before it publishes the next,
 /// so that their channel's buffer holds them for any number of channels.
 const STATUS_ROWS: usize = 64;
+/// Most batches of a poll, 8 MB: between two polls the recorder sends its heartbeat, and sees the request to end.
+const POLL_BATCHES: usize = 4;
+/// Longest time for the samples that are left at the end, ns; the supervisor kills a recorder that has not ended after
+/// eight seconds.
+const LAST_NS: u64 = 2 * SECOND_NS;
 /// Memory that a batch keeps for reuse, bytes.
 const KEEP_BYTES: usize = 256 * 1024;
 /// Stack of the recovery thread, bytes.
@@ -102,7 +107,9 @@ impl Recorder {
             self.next_search_ns = now + SEARCH_NS;
             self.listening.discover(bus, &mut self.session)?;
         }
-        self.record_received();
+        if self.record_received() {
+            self.next_poll_ns = now;
+        }
         let now = now_ns();
         let free = self.session.wants_free_bytes(now).then(|| {
             // If the free space cannot be read, the disk counts as not full; a write then shows whether it is.
@@ -132,8 +139,9 @@ impl Recorder {
         Ok(self.published_rows < self.session.rows().len())
     }
 
-    fn record_received(&mut self) {
-        loop {
+    /// Records what has arrived, at most a few batches; returns whether more is left.
+    fn record_received(&mut self) -> bool {
+        for _ in 0..POLL_BATCHES {
             let received_ns = now_ns();
             let more = self.listening.drain(&mut self.batch, received_ns);
             if !self.batch.is_empty() {
@@ -149,9 +157,15 @@ impl Recorder {
                 self.batch.clear(KEEP_BYTES);
             }
             if !more {
-                return;
+                return false;
             }
         }
+        true
+    }
+
+    /// Records what is left at the end.
+    fn record_last(&mut self, give_up_ns: u64) {
+        while self.record_received() && now_ns() < give_up_ns {}
     }
 
     /// Returns the number of samples that are not in the files, over all channels.
@@ -172,11 +186,12 @@ impl Recorder {
     /// The file could not be finished; it can be recovered.
     pub fn close(mut self, bus: &Bus, reason: &str) -> Result<Option<PathBuf>, RecorderError> {
         self.listening.discover(bus, &mut self.session)?;
-        self.record_received();
+        let give_up_ns = now_ns() + LAST_NS;
+        self.record_last(give_up_ns);
         // Publish the losses since the last status. The file is finished even if that fails.
         self.published_rows = 0;
         while let Ok(true) = self.publish_status(now_ns()) {
-            self.record_received();
+            self.record_last(give_up_ns);
         }
         Ok(self.session.close(reason)?)
     }

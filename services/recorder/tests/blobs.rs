@@ -4,12 +4,15 @@
 
 mod rig;
 
+use std::collections::BTreeMap;
 use std::fs;
 
 use bus::clock::{Pacer, now_ns};
 use bus::{Bus, Domain};
+use config::RecorderSection;
 use messages::blob::{BlobType, compressed_image};
 use messages::{Header, OperatorRequest, RequestBody};
+use recorder::{Recorder, Row, Settings};
 use runlog::RunReader;
 use rustix::process::Signal;
 use tempfile::TempDir;
@@ -78,4 +81,39 @@ fn only_blobs_around_a_stop_are_in_the_file_if_these_are_wanted() {
     assert_eq!(numbers, (first..=last).collect::<Vec<_>>(), "one piece, in order");
     // Pictures are 10 ms apart or more, when the machine stands still.
     assert!((50..=100).contains(&first) && (100..=131).contains(&last), "{first} to {last}");
+}
+
+/// Pictures that come faster than they are written must not keep the recorder from its other channels, its heartbeat
+/// and its end.
+#[test]
+fn a_poll_ends_while_pictures_are_left_and_no_channel_waits_for_another() {
+    const PICTURES: u64 = 9;
+    let (domain, folder) = (Domain::for_test(), TempDir::new().unwrap());
+    let [camera, bus] = ["camera", "recorder"].map(|name| Bus::join(&domain, name).unwrap());
+    let settings = Settings::new(&RecorderSection::default(), folder.path().to_owned(), BTreeMap::new());
+    let mut recorder = Recorder::open(&bus, settings, Vec::new()).unwrap();
+    let mut cameras = ["blob/a", "blob/b"]
+        .map(|name| camera.blob_publisher(name, BlobType::CompressedImage, 1_000_000, 4.0).unwrap());
+    recorder.poll(&bus, true).unwrap();
+    let mut body = Vec::new();
+    compressed_image(&mut body, 1, "node", "jpeg", &vec![7; 900_000]);
+    for _ in 0..PICTURES {
+        cameras.iter_mut().for_each(|out| out.send(Header::at(now_ns()), &body).unwrap());
+    }
+    let recorded = |recorder: &Recorder| {
+        let rows = recorder.session().rows().iter().filter(|row| row.spec().name.starts_with("blob/"));
+        rows.map(Row::messages).collect::<Vec<_>>()
+    };
+    let mut polls = 0;
+    while recorded(&recorder) != [PICTURES; 2] {
+        recorder.poll(&bus, false).unwrap();
+        polls += 1;
+        let count = recorded(&recorder);
+        if polls == 1 {
+            assert!(count.len() == 2 && count.iter().all(|count| (1..PICTURES).contains(count)), "{count:?}");
+            assert!(recorder.next_poll_ns() <= now_ns(), "the rest waits for nothing");
+        }
+        assert!(polls < 10, "{count:?}");
+    }
+    assert_eq!(recorder.lost(), 0);
 }
