@@ -72,7 +72,8 @@ fn recover_one(part: &Path, leave_bytes: u64, say: &Sender<RecoveryEvent>) {
         // After a clock step backwards, a file from the future does not count as fresh.
         written.and_then(|at| SystemTime::now().duration_since(at).ok()).is_some_and(|age| age < FRESH)
     };
-    while fresh(part) {
+    // Once only: a file that stays fresh is that of another robot, whose recorder has locked it by then.
+    if fresh(part) {
         std::thread::sleep(FRESH);
     }
     let tell = |news| {
@@ -136,6 +137,8 @@ mod tests {
     use super::*;
     use messages::{Message, TruthNode};
     use runlog::{ChannelSpec, RunClock, RunWriter};
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
 
     /// A file as a power cut leaves it; while the returned writer lives, its recorder still runs.
     fn unfinished(run: &Path) -> RunWriter {
@@ -156,7 +159,16 @@ mod tests {
         for name in ["first", "second"] {
             unfinished(&runs.join(name)).give_up();
         }
-        let (living, present) = (unfinished(&runs.join("living")), unfinished(&runs.join("present")));
+        // The newest run is that of another robot, whose recorder never stops writing.
+        let (living, present) = (unfinished(&runs.join("z-living")), unfinished(&runs.join("present")));
+        let (part, recording) = (runs.join("z-living/run.mcap.part"), Arc::new(AtomicBool::new(true)));
+        let records = Arc::clone(&recording);
+        let recorder = std::thread::spawn(move || {
+            while records.load(Ordering::Relaxed) {
+                fs::File::open(&part).unwrap().set_modified(SystemTime::now()).unwrap();
+                std::thread::sleep(Duration::from_millis(100));
+            }
+        });
         fs::create_dir(runs.join("whole")).unwrap();
         fs::write(runs.join("whole/run.mcap"), "").unwrap();
         fs::write(runs.join("note.mcap.part"), "in no run").unwrap();
@@ -171,12 +183,14 @@ mod tests {
                 RecoveryEvent::Failed(sentence) => panic!("{sentence}"),
             }
         }
+        recording.store(false, Ordering::Relaxed);
+        recorder.join().unwrap();
         assert_eq!(recovered.len(), 2, "{recovered:?}");
         for name in ["first", "second"] {
             assert!(!runs.join(name).join("run.mcap.part").exists());
             assert_eq!(runlog::read_channel::<TruthNode>(&runs.join(name), "truth/node").unwrap().len(), 1);
         }
-        for (name, writer) in [("living", living), ("present", present)] {
+        for (name, writer) in [("z-living", living), ("present", present)] {
             assert!(runs.join(name).join("run.mcap.part").exists(), "{name}");
             writer.finish(&Default::default()).unwrap();
         }
