@@ -21,6 +21,8 @@ use std::thread::JoinHandle;
 const STORED_LINES: usize = 20;
 /// Time for a process to end after SIGTERM, ns; the recorder writes its buffers in it.
 pub const END_NS: u64 = 8_000_000_000;
+/// Longest wait for the end after SIGKILL, ns.
+const KILLED_NS: u64 = 1_000_000_000;
 
 /// What follows when a process that was requested to end has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,7 +83,8 @@ pub struct ManagedProcess {
     pub gave_up: bool,
     /// Exit status, once it has ended.
     pub exit: Option<ExitStatus>,
-    killed: bool,
+    /// When it was killed because it was overdue, ns.
+    pub killed_ns: Option<u64>,
     process: Process,
     lines: Arc<Mutex<VecDeque<String>>>,
     reader: Option<JoinHandle<()>>,
@@ -151,7 +154,7 @@ impl ManagedProcess {
             again_ns: None,
             gave_up: false,
             exit: None,
-            killed: false,
+            killed_ns: None,
             process,
             lines,
             reader,
@@ -224,11 +227,19 @@ impl ManagedProcess {
     /// Kills it if it was requested to end more than [`END_NS`] ago; true the first time.
     pub fn kill_if_overdue(&mut self, now_ns: u64) -> bool {
         let due = self.exit.is_none() && self.asked.is_some_and(|(asked_ns, _)| now_ns >= asked_ns + END_NS);
-        if !due || std::mem::replace(&mut self.killed, true) {
+        if !due || self.killed_ns.is_some() {
             return false;
         }
+        self.killed_ns = Some(now_ns);
         self.signal(Signal::KILL);
         true
+    }
+
+    /// Whether it was killed because it was overdue, and has not ended since: blocked in the kernel, a process survives
+    /// even SIGKILL.
+    #[must_use]
+    pub fn survives(&self) -> bool {
+        self.exit.is_none() && self.killed_ns.is_some_and(|killed_ns| clock::now_ns() >= killed_ns + KILLED_NS)
     }
 
     /// Kills a process that hangs: a stopped process receives no other signal.

@@ -20,8 +20,6 @@ const ORDER: [Role; 7] = [
     Role::MotorBox,
     Role::Recorder,
 ];
-/// Longest wait for the end after SIGKILL, ns.
-const KILLED_NS: u64 = 1_000_000_000;
 /// Polling period while processes end, ns.
 const POLL_NS: u64 = 5_000_000;
 
@@ -92,14 +90,11 @@ impl ProcessSet {
             for child in self.children.iter_mut().filter(of_role) {
                 child.ask_to_end(AfterEnd::Stay);
             }
-            let mut give_up = u64::MAX;
-            while self.children.iter_mut().filter(of_role).any(|child| child.is_alive()) && clock::now_ns() < give_up {
+            while self.children.iter_mut().filter(of_role).any(|child| child.is_alive() && !child.survives()) {
                 let now = clock::now_ns();
                 for child in self.children.iter_mut().filter(of_role) {
                     if child.kill_if_overdue(now) {
                         killed(&child.member.name);
-                        // A process that is blocked in the kernel may survive even SIGKILL: do not wait for it.
-                        give_up = now + KILLED_NS;
                     }
                 }
                 while_waiting(self);
@@ -117,7 +112,7 @@ impl Drop for ProcessSet {
 
 #[cfg(test)]
 mod tests {
-    use super::super::managed_process::Start;
+    use super::super::managed_process::{END_NS, Start};
     use super::super::restarts::{Policy, Restarts};
     use super::*;
     use std::path::Path;
@@ -218,6 +213,25 @@ mod tests {
         wait_for(|| std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap().contains(") T"));
         process_set.end(|_| (), |name| panic!("{name} had to be killed"));
         assert_eq!(process_set.iter().next().unwrap().state(), messages::ProcessState::STATE_STOPPED);
+    }
+
+    #[test]
+    fn a_process_that_survived_its_kill_does_not_prevent_the_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let note = folder.path().join("up");
+        let script = format!("trap '' TERM; touch {}; while :; do sleep 0.1; done", note.display());
+        let mut child = start(folder.path(), "blocked", Role::Other, &script);
+        wait_for(|| note.exists());
+        // Like a process that the supervisor has killed, and that is blocked in the kernel.
+        child.asked = Some((0, AfterEnd::Stay));
+        child.killed_ns = Some(0);
+        let pid = child.pid;
+        let mut process_set = ProcessSet::default();
+        process_set.insert(child);
+        let begun = clock::now_ns();
+        process_set.end(|_| (), |name| panic!("{name} was killed again"));
+        assert!(clock::now_ns() - begun < END_NS && lives(pid));
+        process_set.iter_mut().for_each(ManagedProcess::end_hung);
     }
 
     #[test]
