@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use std::{fs, io};
 
 /// Folder for copies of the missions of the run.
@@ -15,8 +15,8 @@ pub const PROCESSES: &str = runlog::ATTACHED_FOLDERS[1];
 const LARGEST: u64 = 1 << 20;
 /// Most characters of a mission's name in the name of its copy.
 const LONGEST_NAME: usize = 60;
-/// Longest wait for the copy of a file at the start of a process: less than the heartbeat timeout after which motor-io
-/// treats the supervisor as dead.
+/// Longest wait for the files of a request: less than the heartbeat timeout after which motor-io treats the supervisor
+/// as dead.
 const PATIENCE: Duration = Duration::from_millis(1500);
 
 enum Job {
@@ -28,6 +28,8 @@ enum Job {
     Restore,
     /// Replaces a file atomically.
     Write { path: PathBuf, text: String },
+    /// Replaces files, and sends why not.
+    WriteNow { files: Vec<(PathBuf, String)>, written: Sender<Result<(), String>> },
 }
 
 /// Carries out write jobs in the order in which they were queued.
@@ -71,12 +73,28 @@ impl Archive {
         self.send(Job::Copy { original, place: PROCESSES, name, always: false });
     }
 
+    /// When the caller stops to wait for copies that it requests now.
+    #[must_use]
+    pub fn deadline() -> Instant {
+        Instant::now() + PATIENCE
+    }
+
     /// The copy of a file that a process reads in place of the original; `None` if it could not be made in time.
-    pub fn copy_for(&self, process: &str, original: PathBuf) -> Option<PathBuf> {
+    pub fn copy_for(&self, process: &str, original: PathBuf, give_up: Instant) -> Option<PathBuf> {
         let name = format!("{process}-{}", name_of(&original));
         let (copy, made) = channel();
         self.send(Job::CopyNow { original, name, copy });
-        made.recv_timeout(PATIENCE).ok()
+        made.recv_timeout(give_up.saturating_duration_since(Instant::now())).ok()
+    }
+
+    /// Replaces files.
+    ///
+    /// # Errors
+    /// Why they are not written, as a clause. After a timeout they may still be written later.
+    pub fn write_in_time(&self, files: Vec<(PathBuf, String)>) -> Result<(), String> {
+        let (written, result) = channel();
+        self.send(Job::WriteNow { files, written });
+        result.recv_timeout(PATIENCE).unwrap_or_else(|_| Err("the disk of the run does not answer".to_owned()))
     }
 
     /// Restores copies that were removed together with the run folder.
@@ -137,6 +155,16 @@ impl ArchiveWorker {
             Job::Restore => self.restore(),
             Job::Write { path, text } => {
                 replace(path, text.as_bytes()).map_err(|error| format!("{} cannot be written: {error}", path.display()))
+            }
+            Job::WriteNow { files, written } => {
+                let result = files.iter().try_for_each(|(path, text)| {
+                    let folder = path.parent().unwrap_or(self.run.as_path());
+                    let made = fs::create_dir_all(folder).and_then(|()| replace(path, text.as_bytes()));
+                    made.map_err(|error| format!("{}: {error}", path.display()))
+                });
+                // The requester may have timed out.
+                let _ = written.send(result);
+                Ok(())
             }
         }
     }
@@ -225,17 +253,41 @@ mod tests {
     }
 
     #[test]
+    fn a_disk_that_does_not_answer_delays_a_request_once() {
+        let (run, given) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let mut archive = Archive::open(run.path()).unwrap();
+        let kept = run.path().join("again/set.toml");
+        archive.write_in_time(vec![(kept.clone(), "a = 1\n".to_owned())]).unwrap();
+        assert_eq!(fs::read_to_string(&kept).unwrap(), "a = 1\n");
+        let refused = archive.write_in_time(vec![(kept.join("x"), String::new())]).unwrap_err();
+        assert!(refused.contains("set.toml"), "{refused}");
+        // Nothing writes to the pipe, so the worker waits for its content.
+        let pipe = given.path().join("wind.toml");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let (begun, give_up) = (Instant::now(), Archive::deadline());
+        for process in ["wind", "soil", "rain"] {
+            assert_eq!(archive.copy_for(process, pipe.clone(), give_up), None);
+        }
+        assert!(begun.elapsed() < 2 * PATIENCE, "{:?}", begun.elapsed());
+        assert!(archive.write_in_time(vec![(kept, String::new())]).is_err());
+        let writer = fs::OpenOptions::new().write(true).open(&pipe).unwrap();
+        fs::remove_file(&pipe).unwrap();
+        drop(writer);
+        assert_eq!(archive.finish().len(), 2, "the other two copies");
+    }
+
+    #[test]
     fn copies_that_were_removed_with_the_folder_are_restored() {
         let (parent, given) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let (run, file) = (parent.path().join("run"), given.path().join("over.toml"));
         let mut archive = Archive::open(&run).unwrap();
         fs::write(&file, "w = 1\n").unwrap();
-        let copy = archive.copy_for("wind", file.clone()).unwrap();
+        let copy = archive.copy_for("wind", file.clone(), Archive::deadline()).unwrap();
         for text in ["a = 1\n", "a = 2\n"] {
             fs::write(&file, text).unwrap();
             archive.copy_mission("over", file.clone());
             // Jobs run in order: when this copy exists, the previous one does too.
-            archive.copy_for(&text[4..5], file.clone()).unwrap();
+            archive.copy_for(&text[4..5], file.clone(), Archive::deadline()).unwrap();
         }
         fs::remove_dir_all(&run).unwrap();
         archive.restore();

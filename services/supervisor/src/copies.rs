@@ -43,6 +43,12 @@ impl Copies {
         Ok(())
     }
 
+    /// The text of a copy.
+    #[must_use]
+    pub fn text(&self, name: &str) -> Option<String> {
+        self.0.get(Path::new(name)).map(|bytes| String::from_utf8_lossy(bytes).into_owned())
+    }
+
     /// Adds a text.
     pub fn add(&mut self, name: &str, text: String) {
         self.insert(name, text.into_bytes());

@@ -1,6 +1,7 @@
 //! Requests to the supervisor while the robot runs. They are answered at once; the process table shows the outcome.
 
 use super::Supervisor;
+use super::archive::Archive;
 use super::closing::moves;
 use super::managed_process::{AfterEnd, ManagedProcess};
 use super::process_spec::{ProcessSpec, is_configuration, slot_role};
@@ -101,12 +102,12 @@ impl Supervisor {
 
     /// Replaces the configuration files in the command of a plugged program by the run's copies.
     fn copy_files_of(&self, member: &mut ProcessSpec) {
-        let folder = member.folder.clone().unwrap_or_default();
+        let (folder, give_up) = (member.folder.clone().unwrap_or_default(), Archive::deadline());
         for argument in &mut member.args {
             let path = folder.join(&*argument);
             if is_configuration(&path)
                 && path.is_file()
-                && let Some(copy) = self.archive.copy_for(&member.name, path)
+                && let Some(copy) = self.archive.copy_for(&member.name, path, give_up)
             {
                 *argument = copy.into();
             }

@@ -53,7 +53,7 @@ fn site_of_run(folder: &RunFolder, archive: &Archive, system_path: &Path, domain
         run: folder.path().to_path_buf(),
     };
     for (process, original) in context.files_of_commands() {
-        if let Some(copy) = archive.copy_for(&process, original.clone()) {
+        if let Some(copy) = archive.copy_for(&process, original.clone(), Archive::deadline()) {
             context.copies.insert(original, copy);
         }
     }

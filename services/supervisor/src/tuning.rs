@@ -7,9 +7,6 @@ use config::{Role, SystemFile};
 use messages::newer;
 use robot_state::Reason;
 use robot_state::answers::detail;
-use std::fs::OpenOptions;
-use std::io::Write;
-use std::path::Path;
 
 /// Least time from the announcement of a change to its effect, s: processes receive it one cycle after the
 /// announcement.
@@ -38,19 +35,23 @@ impl Supervisor {
             before: detail(&was),
             why: detail(why),
         };
-        let failed = |path: &Path, error: std::io::Error| not_recorded(format_args!("{}: {error}", path.display()));
         let name = format!("resolved-{number}.toml");
         let text = file.resolved("robot.toml").map_err(|why| not_recorded(format_args!("{why}")))?;
         let head = format!(
             "# The system file with the first {number} changes of set.toml; processes that start from now on read it.\n\n"
         );
         let run = self.folder.path().to_path_buf();
-        self.folder.copies().add(&name, format!("{head}{text}"));
-        self.folder.copies().restore(&run).map_err(|(path, error)| failed(&path, error))?;
-        let record = run.join(RECORD);
-        append(&record, &entry(number, key, &was, &is, cycle)).map_err(|error| failed(&record, error))?;
-        if let Ok(text) = std::fs::read_to_string(&record) {
-            self.folder.copies().add(RECORD, text);
+        let earlier = self.folder.copies().text(RECORD).unwrap_or_else(|| RECORD_HEAD.to_owned());
+        let record = format!("{earlier}{}", entry(number, key, &was, &is, cycle));
+        let files = [(name.clone(), format!("{head}{text}")), (RECORD.to_owned(), record)];
+        let written = files.iter().map(|(name, text)| (run.join(name), text.clone())).collect();
+        if let Err(why) = self.archive.write_in_time(written) {
+            // A slow disk may still write the change, which is not made.
+            self.archive.write(run.join(RECORD), earlier);
+            return Err(not_recorded(format_args!("{why}")).into());
+        }
+        for (name, text) in files {
+            self.folder.copies().add(&name, text);
         }
         (self.settings.tuned, self.settings.file, self.settings.path) = (tuned, file, run.join(name));
         (self.settings.sample.changes, self.settings.sample.from_cycle, self.settings.life) = (number, cycle, life);
@@ -75,12 +76,4 @@ fn entry(number: u32, key: &str, was: &str, is: &str, cycle: u64) -> String {
     let was = if was.is_empty() { String::new() } else { format!("was = {was}\n") };
     let utc = runlog::utc(clock::unix_ns());
     format!("\n[[set]]\nnumber = {number}\nkey = \"{key}\"\n{was}is = {is}\nfrom_cycle = {cycle}\nutc = \"{utc}\"\n")
-}
-
-fn append(path: &Path, text: &str) -> std::io::Result<()> {
-    let mut file = OpenOptions::new().create(true).append(true).open(path)?;
-    if file.metadata()?.len() == 0 {
-        file.write_all(RECORD_HEAD.as_bytes())?;
-    }
-    file.write_all(text.as_bytes())
 }
