@@ -316,3 +316,26 @@ fn the_oldest_finished_runs_make_room_and_nothing_else() {
     assert_eq!(left(), ["0-notes", "2026-01-02T00-00-00Z-lab", "2026-01-04T00-00-00Z-lab"]);
     assert_eq!(keep("many").status.code(), Some(2));
 }
+
+#[test]
+fn a_run_that_cannot_be_removed_keeps_no_other_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path().join("runs");
+    for day in 1..=3 {
+        let run = runs.join(format!("2026-01-0{day}T00-00-00Z-lab"));
+        fs::create_dir_all(&run).unwrap();
+        fs::write(run.join("run.mcap"), vec![1u8; 300_000]).unwrap();
+    }
+    let script = fs::read_to_string(project().join("configs/host/nims-runs-quota")).unwrap();
+    fs::write(folder.path().join("quota"), script.replace("most * 1000000", "most * 100")).unwrap();
+    // Files of root in a run.
+    let rm = folder.path().join("rm");
+    fs::write(&rm, "#!/bin/sh\ncase $* in *2026-01-01*) exit 1 ;; esac\nPATH=/usr/bin:/bin exec rm \"$@\"\n").unwrap();
+    fs::set_permissions(&rm, fs::Permissions::from_mode(0o755)).unwrap();
+    let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
+    let mut command = Command::new("sh");
+    let output = command.arg(folder.path().join("quota")).arg(&runs).arg("1").env("PATH", path).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", printed(&output));
+    let left = |day: u32| runs.join(format!("2026-01-0{day}T00-00-00Z-lab")).exists();
+    assert_eq!([1, 2, 3].map(left), [true, false, true], "{}", printed(&output));
+}
