@@ -122,7 +122,7 @@ impl Machine {
     /// Runs a script of a package, whose paths are below the folder.
     fn script(&self, name: &str, words: &[&str]) -> Output {
         let mut text = fs::read_to_string(host("debian").join(name)).unwrap().replace("@VERSION@", NEW);
-        for folder in ["/usr/lib/nims", "/opt/nims", "/run/systemd", "/run/udev", "/etc/sudoers.d"] {
+        for folder in ["/usr/lib/nims", "/opt/nims", "/run/systemd", "/run/udev", "/etc/sudoers.d", "/etc/systemd", "/proc"] {
             text = text.replace(folder, self.path(&folder[1..]).to_str().unwrap());
         }
         let script = self.path("script");
@@ -312,6 +312,42 @@ fn the_page_is_replaced_while_it_runs() {
     assert!(page.0.try_wait().unwrap().is_none(), "the page still ran");
     assert_eq!(fs::read_to_string(bin.join("page/index.html")).unwrap(), "new");
     assert!(machine.asked().iter().any(|line| line.contains("try-restart nims-page@*.service")));
+}
+
+/// `apt install` of the package nims alone removes those of its parts.
+#[test]
+fn the_page_of_a_robot_that_runs_comes_back_after_its_removal() {
+    let machine = Machine::with(OLD);
+    let folder = machine.unpack(NEW, NEW);
+    for name in ["nims-page", "viewer"] {
+        program(&folder.join("bin").join(name), NEW);
+    }
+    fs::create_dir(folder.join("bin/page")).unwrap();
+    fs::write(folder.join("bin/page/index.html"), "page").unwrap();
+    assert!(machine.nims_version(&["add", folder.to_str().unwrap()]).status.success());
+    let bin = machine.path("opt/nims").join(NEW).join("bin");
+    let there = || ["nims-page", "page/index.html", "viewer"].map(|name| bin.join(name).exists());
+    let remove = || {
+        for part in ["page", "viewer"] {
+            let output = machine.script(&format!("{part}/prerm"), &["remove"]);
+            assert!(output.status.success(), "{}", printed(&output));
+        }
+    };
+    machine.robot(10, NEW, "lab", "holding");
+    remove();
+    assert_eq!(there(), [true; 3]);
+    assert!(machine.asked().contains(&"systemctl stop nims-page@*.service".to_owned()));
+    let enabled = machine.path("etc/systemd/system/multi-user.target.wants");
+    fs::create_dir_all(&enabled).unwrap();
+    symlink("/usr/lib/systemd/system/nims-page@.service", enabled.join("nims-page@lab.service")).unwrap();
+    let output = machine.script("page/postinst", &["configure", NEW]);
+    assert!(output.status.success(), "{}", printed(&output));
+    let asked = machine.asked();
+    assert_eq!(asked.last().unwrap(), "systemctl start nims-page@lab.service", "{asked:?}");
+    machine.ends(10);
+    machine.ends(11);
+    remove();
+    assert_eq!(there(), [false; 3]);
 }
 
 #[test]
