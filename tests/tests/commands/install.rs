@@ -339,3 +339,17 @@ fn a_run_that_cannot_be_removed_keeps_no_other_one() {
     let left = |day: u32| runs.join(format!("2026-01-0{day}T00-00-00Z-lab")).exists();
     assert_eq!([1, 2, 3].map(left), [true, false, true], "{}", printed(&output));
 }
+
+#[test]
+fn an_update_of_a_library_restarts_no_robot() {
+    let settings = project().join("configs/host/needrestart.conf");
+    // As needrestart reads the file and looks up a service.
+    let judge = r#"our %nrconf; do shift; die $@ if $@; my %rc = %{$nrconf{override_rc}};
+        for my $unit (@ARGV) { print "$unit\n" if grep { $unit =~ /$_/ && !$rc{$_} } keys %rc }"#;
+    let kept = ["nims@lab.service", "nims-gateway@lab.service", "nims-page@lab.service", "nims-plugin@lab_soil.service"];
+    let output = Command::new("perl").args(["-e", judge]).arg(settings).args(kept).arg("ssh.service").output();
+    let Ok(output) = output else {
+        return notes::left_out("an update of a library restarts no robot", "there is no perl");
+    };
+    assert_eq!(printed(&output).lines().collect::<Vec<_>>(), kept);
+}
