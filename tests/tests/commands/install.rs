@@ -353,3 +353,38 @@ fn an_update_of_a_library_restarts_no_robot() {
     };
     assert_eq!(printed(&output).lines().collect::<Vec<_>>(), kept);
 }
+
+/// No robot, whatever its name, shares a folder of systemd with another service than its own.
+#[test]
+fn no_robot_takes_the_folder_of_other_services() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("root");
+    let some = programs(folder.path(), "some");
+    build_page(&some);
+    assert!(install(&root, &["--programs", some.to_str().unwrap()]).status.success());
+    let units = root.join("usr/lib/systemd/system");
+    let folders = |unit: &Path| -> Vec<String> {
+        let text = fs::read_to_string(unit).unwrap();
+        let keys = ["RuntimeDirectory=", "StateDirectory=", "CacheDirectory=", "LogsDirectory="];
+        text.lines().filter(|line| keys.iter().any(|key| line.starts_with(key))).map(str::to_owned).collect()
+    };
+    let robot = fs::read_to_string(units.join("nims@.service")).unwrap();
+    assert!(robot.contains("AssertPathExists=!/usr/lib/systemd/system/nims-%i@.service\n"));
+    let own = folders(&units.join("nims@.service"));
+    for entry in fs::read_dir(&units).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_file()) {
+        let file = entry.file_name().unwrap().to_str().unwrap();
+        for other in folders(&entry).iter().filter(|_| file != "nims@.service") {
+            for pattern in &own {
+                let (begin, end) = pattern.split_once("%i").unwrap_or((pattern, ""));
+                let name = other.strip_prefix(begin).and_then(|rest| rest.strip_suffix(end));
+                // Such a robot is refused, because the unit of that name is there.
+                let refused = name.is_some_and(|name| file == format!("nims-{name}@.service"));
+                let shared = match pattern.contains("%i") {
+                    true => name.is_some_and(|name| !name.contains('/')),
+                    false => pattern == other,
+                };
+                assert!(!shared || refused, "{file}: {other} and {pattern}");
+            }
+        }
+    }
+}

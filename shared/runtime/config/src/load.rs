@@ -240,6 +240,10 @@ pub const EXAMPLES: &str = "/usr/share/nims";
 /// The system files of the services of this machine: `nims@NAME` runs NAME.toml.
 pub const OF_SERVICES: &str = "/etc/nims/systems";
 
+/// Services beside each robot: `nims-gateway@NAME`. The folder of a robot `gateway` in `/run` would be that of all
+/// gateways. `nims@.service` asserts the same.
+const BESIDE_ROBOTS: [&str; 4] = ["gateway", "page", "plugin", "plugin-network"];
+
 /// Returns the name that the system file of a service must have, by its path; `None`: no service runs this file.
 fn name_of_service(path: &Path) -> Option<String> {
     let path = std::path::absolute(path).ok()?;
@@ -251,6 +255,13 @@ fn name_of_service(path: &Path) -> Option<String> {
 /// so a copy that kept it would share them with its original.
 fn check_name_of_service(path: &Path, name: &str) -> Result<(), Problem> {
     match name_of_service(path) {
+        Some(service) if BESIDE_ROBOTS.contains(&service.as_str()) => Err(Problem::with_clause(
+            "name",
+            format!(
+                "is that of a service beside each robot, nims-{service}@; accepted: any but {}",
+                BESIDE_ROBOTS.join(", ")
+            ),
+        )),
         Some(service) if service != name => Err(Problem::with_clause(
             "name",
             format!(
@@ -402,6 +413,10 @@ mod tests {
         for word in ["\"demo3\"", "nims@lab", "\"lab\"", "demo3.toml"] {
             assert!(refused.to_string().contains(word), "{refused}");
         }
+        // It would have the folder of all gateways.
+        let refused = check("/etc/nims/systems/gateway.toml", "gateway").unwrap_err();
+        assert!(refused.key() == "name" && refused.to_string().contains("nims-gateway@"), "{refused}");
+        assert_eq!(check("gateway.toml", "gateway"), Ok(()), "without a service");
     }
 
     #[test]
