@@ -284,6 +284,29 @@ fn an_installation_enables_nothing_that_was_disabled() {
     assert!(!has(&asked, "nims-gateway@lab") && has(&asked, "start nims-runs.timer"), "{asked:?}");
 }
 
+/// Without it, the settings of the present devices would wait for the next boot.
+#[test]
+fn an_installation_applies_each_rule_to_the_devices_that_are_there() {
+    let machine = Machine::with(OLD);
+    machine.unpack(NEW, NEW);
+    fs::create_dir_all(machine.path("run/udev")).unwrap();
+    let control = std::os::unix::net::UnixListener::bind(machine.path("run/udev/control")).unwrap();
+    let output = machine.script("postinst", &["configure"]);
+    assert!(output.status.success(), "{}", printed(&output));
+    drop(control);
+    let asked = machine.asked();
+    let trigger = asked.iter().find(|line| line.starts_with("udevadm trigger")).expect("udevadm trigger");
+    let script = fs::read_to_string(host("../../scripts/install")).unwrap();
+    assert!(script.contains(trigger.as_str()), "scripts/install asks for something else than {trigger}");
+    let rules = fs::read_to_string(host("70-nims.rules")).unwrap();
+    // The subsystem of the one device that has no condition on it.
+    assert!(rules.contains("KERNEL==\"cpu_dma_latency\"") && trigger.contains("--subsystem-match=misc"), "{trigger}");
+    for (_, rest) in rules.match_indices("SUBSYSTEM").map(|(at, word)| rules[at..].split_at(word.len())) {
+        let subsystem = rest.split('"').nth(1).unwrap();
+        assert!(trigger.split(' ').any(|word| word == format!("--subsystem-match={subsystem}")), "{subsystem}");
+    }
+}
+
 /// A program that is running, which nothing can write to.
 struct Busy(Child);
 
