@@ -388,3 +388,25 @@ fn no_robot_takes_the_folder_of_other_services() {
         }
     }
 }
+
+#[test]
+fn the_user_of_the_robot_can_read_what_a_cautious_root_installs() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("root");
+    let some = programs(folder.path(), "some");
+    let script = format!("umask 077; exec {}/scripts/install --root \"$0\" --programs \"$1\"", project().display());
+    let output = Command::new("sh").args(["-c", &script]).arg(&root).arg(&some).output().unwrap();
+    assert!(output.status.success(), "{}", printed(&output));
+    let mut left = vec![root.join("opt"), root.join("etc"), root.join("usr")];
+    while let Some(path) = left.pop() {
+        let metadata = fs::symlink_metadata(&path).unwrap();
+        if metadata.is_symlink() || path.ends_with("opt/nims/.lock") {
+            continue;
+        }
+        let wanted = if metadata.is_dir() { 0o005 } else { 0o004 };
+        assert_eq!(metadata.permissions().mode() & wanted, wanted, "{}", path.display());
+        if metadata.is_dir() {
+            left.extend(fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
+        }
+    }
+}
