@@ -34,12 +34,24 @@ give_up() {
 # that later ones sort behind earlier ones, and the commit.
 nims_version() {
     local version commit
+    # Root reads the checkout of a user, whose scripts it runs.
+    local git=(git -c "safe.directory=$PWD")
     version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
-    if commit=$(TZ=UTC git log -1 --date=format-local:%Y%m%d%H%M%S --format=%cd.%h --abbrev=10 2>/dev/null); then
+    if commit=$(TZ=UTC "${git[@]}" log -1 --date=format-local:%Y%m%d%H%M%S --format=%cd.%h --abbrev=10 2>/dev/null); then
         version=$version+$commit
-        git diff --quiet HEAD || version=$version.dirty
+        "${git[@]}" diff --quiet HEAD || version=$version.dirty
     fi
     echo "$version"
+}
+
+# Notes the version of a part that its own script has built, beside it: the program $2 in folder $1.
+note_version() { nims_version >"$1/$2.version"; }
+
+# Refuses a part of another version than $4: gateway, page and live view of one version understand each other, and no
+# others. $3 is its script.
+need_version() {
+    [ "$(cat "$1/$2.version" 2>/dev/null)" = "$4" ] ||
+        give_up "$1/$2 is not of this version: build it again with $3 --release, or remove it"
 }
 
 # Makes the man pages and completions in folder $2 with the built program $1/nims-manual; further words run it.

@@ -34,6 +34,9 @@ fn build_page(programs: &Path) {
     fs::create_dir(programs.join("page")).unwrap();
     fs::write(programs.join("page/index.html"), "page").unwrap();
     fs::copy(programs.join("nims"), programs.join("nims-page")).unwrap();
+    let mut command = Command::new("bash");
+    let noted = command.args(["-c", ". scripts/common.sh; note_version \"$0\" nims-page"]).arg(programs);
+    assert!(noted.current_dir(project()).status().unwrap().success());
 }
 
 fn install(root: &Path, more: &[&str]) -> Output {
@@ -170,6 +173,24 @@ fn the_script_recognizes_a_robot_that_is_not_armed() {
     let word = robot_state::sentences::mode_name(messages::MotorAuthority::MODE_DISARMED);
     let script = fs::read_to_string(project().join("configs/host/nims-version")).unwrap();
     assert!(script.contains(&format!("*'\"mode\":\"{word}\"'*)")), "nims-version does not look for \"{word}\"");
+}
+
+#[test]
+fn a_page_of_another_commit_is_not_installed_beside_the_gateway() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("root");
+    let some = programs(folder.path(), "some");
+    build_page(&some);
+    for version in [Some("0.1.0+20260101000000.0123456789\n"), None] {
+        let noted = some.join("nims-page.version");
+        match version {
+            Some(version) => fs::write(noted, version).unwrap(),
+            None => fs::remove_file(noted).unwrap(),
+        }
+        let output = install(&root, &["--programs", some.to_str().unwrap()]);
+        assert!(!output.status.success() && printed(&output).contains("scripts/page --release"), "{}", printed(&output));
+        assert!(!root.join("opt/nims").exists());
+    }
 }
 
 #[test]
