@@ -63,16 +63,24 @@ make_manual() {
     gzip -9nf "$made"/man/*.[18]
 }
 
+# Prints the files of a pattern, or the pattern if there are none; folders may have spaces in their names.
+matching() {
+    local IFS=
+    # shellcheck disable=SC2086  # the pattern
+    printf '%s\n' $1
+}
+
 # Puts the files of the list $5 below $1, the programs in the folder $2; $3 has the built programs, $4 the made files.
 # Everything is there before the first file is put.
 put_files() {
-    local root=$1 version=$2 bin=$3 made=$4 list=$5 put mode from to flag source name
+    local root=$1 version=$2 bin=$3 made=$4 list=$5 put mode from to flag source sources name
     for put in "" yes; do
         while read -r mode from to; do
             case $mode in '' | '#'*) continue ;; esac
             flag=${mode#0???} mode=${mode%[?k]}
             from=${from/@bin@/$bin} from=${from/@made@/$made} to=${to/@version@/$version}
-            for source in $from; do
+            mapfile -t sources < <(matching "$from")
+            for source in "${sources[@]}"; do
                 if [ ! -e "$source" ]; then
                     [ "$flag" = "?" ] || give_up "$source is missing: build it with cargo build --release --workspace --bins"
                     continue

@@ -73,7 +73,7 @@ fn every_example_keeps_its_runs_where_the_service_may_write(root: &Path) {
 
 #[test]
 fn installed_upgraded_rolled_back_and_removed() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::Builder::new().prefix("with spaces ").tempdir().unwrap();
     let root = folder.path().join("root");
     let old = programs(folder.path(), "old");
     build_page(&old);
