@@ -129,6 +129,8 @@ pub struct Core {
     marks: Budget,
     codes: Codes,
     last_ticket: Ticket,
+    /// When a client stopped the robot last, ns.
+    stopped_ns: u64,
     /// A change of the tokens is being stored.
     changing: bool,
     actions: Vec<Action>,
@@ -155,6 +157,7 @@ impl Core {
             marks: Budget::new(MARKS_PER_S, MARKS, 0),
             codes: Codes::default(),
             last_ticket: 0,
+            stopped_ns: 0,
             changing: false,
             actions: Vec::new(),
         }
@@ -263,10 +266,14 @@ impl Core {
             Ok(call) => call,
             Err(why) => return self.refuse_and_close(client, Reason::NotACall { why: detail(why) }),
         };
+        let stopped_ns = self.stopped_ns;
         let Some(connection) = self.connections.get_mut(&client) else { return };
         let Some(holder) = connection.holder.clone() else { return self.hello(client, call) };
         let id = call.id();
         let (within, unanswered) = (connection.budget.spend(now_ns), connection.unanswered);
+        if is_overtaken(&call, stopped_ns) {
+            return self.refuse(client, id, Reason::OvertakenByStop);
+        }
         match call {
             Call::Ask { request, process, held, at_ns, .. } => {
                 let urgent = request.is_stop();
@@ -389,6 +396,9 @@ impl Core {
         let counts = !sample.body.is_stop();
         connection.unanswered += usize::from(counts);
         let ticket = self.ticket_of(Asked { client, id, counts, begins: begins(&request) });
+        if !counts {
+            self.stopped_ns = self.now_ns;
+        }
         let request = Box::new(sample);
         self.actions.push(match sample.body.verb {
             messages::RequestBody::VERB_ESTOP => Action::Estop { ticket, request },
@@ -542,6 +552,12 @@ impl Core {
         let holder = self.connections.get(&client)?.holder.as_ref()?;
         Some((&holder.user, holder.role))
     }
+}
+
+/// Whether a motion was pressed for before a client has stopped the robot.
+fn is_overtaken(call: &Call, stopped_ns: u64) -> bool {
+    let Call::Ask { request, pressed_ns: Some(pressed_ns), .. } = call else { return false };
+    *pressed_ns < stopped_ns && (begins(request) || *request == Request::Resume)
 }
 
 /// What a request asks of a process that may be a plug-in, with its name.

@@ -49,7 +49,7 @@ fn sent(core: &mut Core, client: ClientId, now_ns: u64, call: &Call) -> Vec<Acti
 
 /// Requests a motion of a client; `held`: one that goes on while it sends signs.
 fn asked(core: &mut Core, client: ClientId, request: Request, held: bool, now_ns: u64) -> Ticket {
-    let actions = sent(core, client, now_ns, &Call::Ask { id: 1, request, process: None, held, at_ns: None });
+    let actions = sent(core, client, now_ns, &Call::Ask { id: 1, request, process: None, held, at_ns: None, pressed_ns: None });
     let ask = actions.iter().find_map(|action| match action {
         Action::Ask { ticket, .. } => Some(*ticket),
         _ => None,
@@ -189,7 +189,7 @@ fn a_release_before_the_answer_stops_no_mission_that_is_flown() {
 #[test]
 fn what_is_old_begins_nothing_and_holds_nothing() {
     let mut core = core();
-    let held = |at_ns| Call::Ask { id: 1, request: go(), process: None, held: true, at_ns: Some(at_ns) };
+    let held = |at_ns| Call::Ask { id: 1, request: go(), process: None, held: true, at_ns: Some(at_ns), pressed_ns: None };
     let refused = sent(&mut core, 1, ms(300), &held(ms(0)));
     match &refused[..] {
         [Action::Send { reply: Reply::Answer { accepted, reason, .. }, .. }] => {
@@ -222,7 +222,7 @@ fn what_motor_io_does_is_observed_while_a_client_that_held_is_there() {
             .iter()
             .any(|one| matches!(one, Action::Subscribe { client: NO_CLIENT, channel, .. } if channel == OBSERVED))
     };
-    let ask = |client| Call::Ask { id: client, request: jog(), process: None, held: true, at_ns: None };
+    let ask = |client| Call::Ask { id: client, request: jog(), process: None, held: true, at_ns: None, pressed_ns: None };
     assert!(subscribed(&sent(&mut core, 1, ms(0), &ask(1))));
     assert!(!subscribed(&sent(&mut core, 2, ms(0), &ask(2))));
     let ended =
@@ -245,7 +245,7 @@ fn deposits(actions: &[Action]) -> Vec<Option<(u8, u64)>> {
 fn what_ends_a_held_motion_is_deposited_before_it_begins_and_until_its_end_is_answered() {
     for (request, end) in [(jog(), RequestBody::VERB_HOLD), (go(), RequestBody::VERB_STOP)] {
         let mut core = core();
-        let ask = Call::Ask { id: 1, request, process: None, held: true, at_ns: None };
+        let ask = Call::Ask { id: 1, request, process: None, held: true, at_ns: None, pressed_ns: None };
         let asked = sent(&mut core, 1, ms(0), &ask);
         let [Action::Deposit { .. }, Action::Ask { ticket, .. }, ..] = asked[..] else { panic!("{asked:?}") };
         assert_eq!(deposits(&asked), [Some((end, ms(300)))]);
@@ -317,7 +317,7 @@ fn an_end_that_did_not_reach_motor_io_leaves_the_deposit_to_fall_due() {
             answered(&mut core, ms(2001), begun, accepted());
             let lost = ticket(&sent(&mut core, 1, ms(2010), &Call::Release { id: 2 }));
             answered(&mut core, ms(2011), lost, reason.answer());
-            let ask = Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None };
+            let ask = Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None, pressed_ns: None };
             let refused = sent(&mut core, 2, ms(2020), &ask);
             assert_eq!(deposits(&refused), [Some((end, ms(2320)))]);
             let refused = answered(&mut core, ms(2021), ticket(&refused), Reason::RobotJogging.answer());
@@ -358,7 +358,7 @@ fn a_motion_that_begins_after_its_end_is_ended_again_and_its_deposit_stays() {
 #[test]
 fn a_motion_without_a_deposit_is_not_requested() {
     let mut core = core();
-    let ask = Call::Ask { id: 1, request: jog(), process: None, held: true, at_ns: None };
+    let ask = Call::Ask { id: 1, request: jog(), process: None, held: true, at_ns: None, pressed_ns: None };
     let asked_for = sent(&mut core, 1, ms(0), &ask);
     let [Action::Deposit { ticket: of, .. }, ..] = asked_for[..] else { panic!("{asked_for:?}") };
     assert_eq!(of, ticket(&asked_for));
@@ -379,7 +379,7 @@ fn a_deposit_never_stops_the_motion_of_another_client() {
     let first = asked(&mut core, 1, jog(), true, ms(0));
     assert_eq!(deposits(&answered(&mut core, ms(1), first, Reason::RobotMoves.answer())), [None]);
     moved(&mut core, ms(10), MotorAuthority::MODE_FOLLOWING, 3);
-    let ask = Call::Ask { id: 1, request: go(), process: None, held: true, at_ns: None };
+    let ask = Call::Ask { id: 1, request: go(), process: None, held: true, at_ns: None, pressed_ns: None };
     assert!(deposits(&sent(&mut core, 1, ms(20), &ask)).is_empty());
     assert!(deposits(&core.step(ms(80), Event::Tick)).is_empty());
     // Its own motion is under way before the answer has come.
@@ -400,4 +400,30 @@ fn a_gateway_that_ends_ends_what_is_held() {
     assert!(core.is_ending() && !core.is_held());
     answered(&mut core, ms(20), *ticket, accepted());
     assert!(!core.is_ending());
+}
+
+#[test]
+fn a_motion_that_is_asked_for_until_the_robot_rests_does_not_begin_after_the_stop_of_another_client() {
+    let mut core = core();
+    let attempt = |core: &mut Core, request: Request, held: bool, now_ns: u64| {
+        let (at_ns, pressed_ns) = (Some(now_ns), Some(ms(100)));
+        let call = Call::Ask { id: 1, request, process: None, held, at_ns, pressed_ns };
+        let actions = sent(core, 1, now_ns, &call);
+        actions.into_iter().find_map(|action| match action {
+            Action::Ask { ticket, .. } => Some(Ok(ticket)),
+            Action::Send { reply: Reply::Answer { reason, .. }, .. } => Some(Err(reason)),
+            _ => None,
+        })
+    };
+    // A stop of before the press has no effect on it.
+    sent(&mut core, 2, ms(50), &Call::Ask { id: 1, request: Request::Stop, process: None, held: false, at_ns: None, pressed_ns: None });
+    for (request, held) in [(go(), true), (go(), false), (jog(), true)] {
+        let ticket = attempt(&mut core, request, held, ms(120)).unwrap().unwrap();
+        answered(&mut core, ms(121), ticket, Reason::RobotMoves.answer());
+    }
+    sent(&mut core, 2, ms(200), &Call::Ask { id: 2, request: Request::Hold, process: None, held: false, at_ns: None, pressed_ns: None });
+    for (request, held) in [(go(), true), (go(), false), (jog(), true), (Request::Resume, false)] {
+        assert_eq!(attempt(&mut core, request, held, ms(260)), Some(Err(Reason::OvertakenByStop.code())));
+    }
+    assert!(matches!(attempt(&mut core, Request::Disarm, false, ms(260)), Some(Ok(_))));
 }

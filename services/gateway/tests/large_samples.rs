@@ -63,7 +63,7 @@ fn a_client_that_reads_no_large_samples_stops_the_robot() {
         std::thread::sleep(Duration::from_millis(20));
     }
     let mut send = |call: Call| client.write_all(&encode(&call.header().unwrap(), &[])).unwrap();
-    send(Call::Ask { id: 2, request: Request::Stop, process: None, held: false, at_ns: None });
+    send(Call::Ask { id: 2, request: Request::Stop, process: None, held: false, at_ns: None, pressed_ns: None });
     let asked: OperatorRequest = loop {
         assert!(begun.elapsed() < LONGEST && !server.is_finished(), "no stop");
         if let Some(call) = motor_io.try_next().unwrap() {

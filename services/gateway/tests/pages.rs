@@ -55,7 +55,7 @@ impl Gateway {
     }
 
     fn ask(&mut self, client: ClientId, request: Request, held: bool) -> Vec<Action> {
-        self.send(client, &Call::Ask { id: 9, request, process: None, held, at_ns: None })
+        self.send(client, &Call::Ask { id: 9, request, process: None, held, at_ns: None, pressed_ns: None })
     }
 
     fn seat(&mut self, client: ClientId, what: SeatCall) -> Vec<Action> {

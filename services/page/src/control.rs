@@ -36,13 +36,38 @@ impl Sign {
     }
 }
 
+/// A motion that is requested.
+#[derive(Debug)]
+pub(crate) struct Begins {
+    pub(crate) id: u64,
+    pub(crate) request: Request,
+    /// When the request came, and the first one of the same press, ns.
+    pub(crate) at_ns: u64,
+    pub(crate) pressed_ns: u64,
+}
+
+/// The newest press of a browser: its number and when its first attempt came, ns. It replaces those before it.
+#[derive(Debug, Default)]
+pub(crate) struct Presses(u64, u64);
+
+impl Presses {
+    /// When the first attempt of a press came, of which one comes now.
+    pub(crate) fn at_ns(&mut self, number: u64, now_ns: u64) -> u64 {
+        if number > self.0 {
+            *self = Self(number, now_ns);
+        }
+        // An attempt of an older press is older than any stop.
+        if number == self.0 { self.1 } else { 0 }
+    }
+}
+
 #[derive(Debug, Default)]
 struct Slot {
     /// A stop that ends what was sent before it.
     stop: Option<Request>,
     /// Number of stops.
     stops: u64,
-    begins: Option<(u64, Request, u64)>,
+    begins: Option<Begins>,
     beat_ns: Option<u64>,
     released: bool,
 }
@@ -59,13 +84,13 @@ impl Control {
         self.slot.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A motion is requested at that instant, ns. Returns the number of a request that it replaces.
-    pub(crate) fn hold(&self, id: u64, request: Request, at_ns: u64) -> Option<u64> {
+    /// A motion is requested. Returns the number of a request that it replaces.
+    pub(crate) fn hold(&self, begins: Begins) -> Option<u64> {
         let mut slot = self.slot();
-        let before = slot.begins.replace((id, request, at_ns));
+        let before = slot.begins.replace(begins);
         (slot.beat_ns, slot.released) = (None, false);
         self.notify.notify_one();
-        before.map(|(id, ..)| id)
+        before.map(|begins| begins.id)
     }
 
     /// The control was held at that instant, ns.
@@ -80,7 +105,7 @@ impl Control {
         let before = slot.begins.take();
         (slot.beat_ns, slot.released) = (None, true);
         self.notify.notify_one();
-        before.map(|(id, ..)| id)
+        before.map(|begins| begins.id)
     }
 
     /// The robot was told to stop, over another connection. Returns the number of a request that is not made any more.
@@ -94,7 +119,7 @@ impl Control {
             slot.stop = Some(request.clone());
         }
         self.notify.notify_one();
-        before.map(|(id, ..)| id)
+        before.map(|begins| begins.id)
     }
 
     /// Number of stops so far: what was asked before the last one is not sent any more.
@@ -111,13 +136,14 @@ impl Control {
     pub(crate) fn take(&self) -> Option<Call> {
         let mut slot = self.slot();
         if let Some(request) = slot.stop.take() {
-            return Some(Call::Ask { id: UNHEARD, request, process: None, held: false, at_ns: None });
+            return Some(Call::Ask { id: UNHEARD, request, process: None, held: false, at_ns: None, pressed_ns: None });
         }
         if std::mem::take(&mut slot.released) {
             return Some(Call::Release { id: UNHEARD });
         }
-        if let Some((id, request, at_ns)) = slot.begins.take() {
-            return Some(Call::Ask { id, request, process: None, held: true, at_ns: Some(at_ns) });
+        if let Some(Begins { id, request, at_ns, pressed_ns }) = slot.begins.take() {
+            let (at_ns, pressed_ns) = (Some(at_ns), Some(pressed_ns));
+            return Some(Call::Ask { id, request, process: None, held: true, at_ns, pressed_ns });
         }
         slot.beat_ns.take().map(|at_ns| Call::Beat { at_ns: Some(at_ns) })
     }
@@ -127,22 +153,23 @@ impl Control {
 mod tests {
     use super::*;
 
-    fn jog() -> Request {
-        Request::Jog { cable: 1, distance_m: 0.1 }
+    fn jog(id: u64, at_ns: u64) -> Begins {
+        Begins { id, request: Request::Jog { cable: 1, distance_m: 0.1 }, at_ns, pressed_ns: 4 }
     }
 
     #[test]
     fn only_the_newest_waits() {
         let control = Control::default();
-        assert_eq!((control.take(), control.hold(1, jog(), 5)), (None, None));
+        assert_eq!((control.take(), control.hold(jog(1, 5))), (None, None));
         for at_ns in 6..100 {
             control.beat(at_ns);
         }
-        let held = Call::Ask { id: 1, request: jog(), process: None, held: true, at_ns: Some(5) };
+        let (request, at_ns, pressed_ns) = (jog(1, 5).request, Some(5), Some(4));
+        let held = Call::Ask { id: 1, request, process: None, held: true, at_ns, pressed_ns };
         assert_eq!(control.take(), Some(held));
         assert_eq!((control.take(), control.take()), (Some(Call::Beat { at_ns: Some(99) }), None));
         // A motion that is released or replaced before the gateway got it is not requested.
-        assert_eq!((control.hold(2, jog(), 100), control.hold(3, jog(), 101)), (None, Some(2)));
+        assert_eq!((control.hold(jog(2, 100)), control.hold(jog(3, 101))), (None, Some(2)));
         assert_eq!(control.release(), Some(3));
         control.beat(102);
         assert_eq!(control.take(), Some(Call::Release { id: UNHEARD }));
@@ -151,15 +178,22 @@ mod tests {
     }
 
     #[test]
+    fn all_attempts_of_a_press_are_as_old_as_the_first_one() {
+        let mut presses = Presses::default();
+        assert_eq!([presses.at_ns(1, 10), presses.at_ns(1, 20), presses.at_ns(3, 30)], [10, 10, 30]);
+        assert_eq!([presses.at_ns(1, 40), presses.at_ns(3, 50), presses.at_ns(4, 60)], [0, 30, 60]);
+    }
+
+    #[test]
     fn a_stop_comes_before_what_waits_and_ends_what_was_sent() {
         let control = Control::default();
-        control.hold(1, jog(), 5);
+        control.hold(jog(1, 5));
         assert_eq!((control.stop(&Request::Stop, false), control.stops()), (Some(1), 1));
         assert_eq!((control.take(), control.take()), (Some(Call::Release { id: UNHEARD }), None));
-        control.hold(2, jog(), 5);
+        control.hold(jog(2, 5));
         control.take();
         assert_eq!(control.stop(&Request::Estop, true), None);
-        control.hold(3, jog(), 6);
+        control.hold(jog(3, 6));
         let told = control.take();
         assert!(matches!(told, Some(Call::Ask { request: Request::Estop, held: false, .. })), "{told:?}");
         assert!(matches!(control.take(), Some(Call::Ask { id: 3, held: true, .. })));

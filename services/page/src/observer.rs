@@ -114,6 +114,11 @@ impl Topics {
         locked(&self.robot).moved(now_ns().saturating_sub(ago_ns))
     }
 
+    /// When the robot was stopped last by others than browsers of this page, ns.
+    pub(crate) fn stopped_ns(&self) -> u64 {
+        locked(&self.robot).stopped_ns()
+    }
+
     /// The last ten minutes.
     pub(crate) fn history(&self) -> Value {
         locked(&self.history).told(now_ns())

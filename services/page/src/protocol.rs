@@ -16,9 +16,21 @@ pub(crate) enum FromBrowser {
         token: Option<String>,
     },
     /// Requests something of the robot.
-    Ask { id: u64, request: Request },
+    Ask {
+        id: u64,
+        request: Request,
+        /// Number of the press, which all attempts of it have: an attempt is refused if the robot was stopped since.
+        #[serde(default)]
+        press: Option<u64>,
+    },
     /// Requests a motion that goes on only while the browser sends `beat`.
-    Held { id: u64, request: Request, sign: Sign },
+    Held {
+        id: u64,
+        request: Request,
+        sign: Sign,
+        #[serde(default)]
+        press: Option<u64>,
+    },
     /// The person still holds the control of the motion.
     Beat { sign: Sign },
     /// The person has released it.
@@ -86,9 +98,9 @@ impl FromBrowser {
     }
 }
 
-/// The gateway's call for a request.
-pub(crate) fn ask(id: u64, request: Request) -> Call {
-    Call::Ask { id, request, process: None, held: false, at_ns: None }
+/// The gateway's call for a request; `pressed_ns`: when it was pressed for, on CLOCK_MONOTONIC.
+pub(crate) fn ask(id: u64, request: Request, pressed_ns: Option<u64>) -> Call {
+    Call::Ask { id, request, process: None, held: false, at_ns: None, pressed_ns }
 }
 
 /// A refusal of the page itself, in the form of the gateway's answers.
@@ -104,7 +116,7 @@ mod tests {
     fn a_message_has_known_keys_only() {
         assert_eq!(FromBrowser::read(r#"{"call":"hello"}"#), Ok(FromBrowser::Hello { token: None }));
         let ask = FromBrowser::read(r#"{"call":"ask","id":3,"request":{"verb":"stop"}}"#);
-        assert_eq!(ask, Ok(FromBrowser::Ask { id: 3, request: Request::Stop }));
+        assert_eq!(ask, Ok(FromBrowser::Ask { id: 3, request: Request::Stop, press: None }));
         for wrong in ["", "[]", r#"{"call":"token-add","id":1,"name":"a","role":"fly"}"#, r#"{"call":"beat"}"#] {
             assert!(FromBrowser::read(wrong).is_err(), "{wrong}");
         }

@@ -65,6 +65,8 @@ pub(crate) struct Robot {
     moving: VecDeque<(u64, Moving)>,
     processes: BTreeMap<String, ProcessState>,
     flyer: Option<OperatorRequest>,
+    /// When another program than this page stopped the robot last, ns.
+    stopped_ns: u64,
     version: Option<String>,
     /// Channels whose samples this program does not know.
     foreign: BTreeSet<String>,
@@ -159,6 +161,13 @@ impl Robot {
         if request.accepted == OperatorRequest::ACCEPTED && flies(request.body.verb) {
             self.flyer = Some(request);
         }
+        // The stops of this page, and the ends of what its browsers hold, pass through the gateway, which compares them.
+        if request.accepted == OperatorRequest::ACCEPTED
+            && stops(request.body.verb)
+            && request.pid != std::process::id()
+        {
+            self.stopped_ns = self.stopped_ns.max(request.header.stamp_ns);
+        }
         let value = json!({
             "type": "request", "stamp_ns": request.header.stamp_ns, "who": text_of(&request.requester),
             "accepted": request.accepted == OperatorRequest::ACCEPTED, "reason": request.reason,
@@ -178,6 +187,11 @@ impl Robot {
         let [a, b] = &self.estimates;
         blended_estimate(self.authority.as_ref(), [a.as_ref(), b.as_ref()], Rule::History)
             .filter(|estimate| estimate.valid == 1)
+    }
+
+    /// When another program than this page stopped the robot last, ns; 0: none did.
+    pub(crate) fn stopped_ns(&self) -> u64 {
+        self.stopped_ns
     }
 
     /// Number that changes with every sample of the state that is sent at the full rate.
@@ -335,6 +349,14 @@ fn flies(verb: u8) -> bool {
     )
 }
 
+/// Requests that stop the robot.
+fn stops(verb: u8) -> bool {
+    matches!(
+        verb,
+        RequestBody::VERB_HOLD | RequestBody::VERB_PAUSE | RequestBody::VERB_STOP | RequestBody::VERB_ESTOP
+    )
+}
+
 fn well(state: u8) -> bool {
     !matches!(state, ProcessState::STATE_DIED | ProcessState::STATE_SILENT | ProcessState::STATE_GAVE_UP)
 }
@@ -479,6 +501,24 @@ mod tests {
         robot.define("motor/authority", MotorAuthority::type_name(), size_of::<MotorAuthority>());
         taken(&mut robot, "motor/authority", &MotorAuthority::default());
         assert_eq!(robot.live(0)["mode"], json!("disarmed"));
+    }
+
+    #[test]
+    fn the_stops_of_other_programs_are_noted() {
+        let mut robot = Robot::default();
+        let mut ask = |stamp_ns, verb, pid, accepted| {
+            let (header, body) =
+                (Header { stamp_ns, ..Header::default() }, RequestBody { verb, ..RequestBody::default() });
+            let request = OperatorRequest { header, body, answered: 1, accepted, pid, ..OperatorRequest::default() };
+            taken(&mut robot, "operator/request", &request);
+            robot.stopped_ns()
+        };
+        let (other, yes) = (std::process::id() + 1, OperatorRequest::ACCEPTED);
+        assert_eq!(ask(10, RequestBody::VERB_STOP, std::process::id(), yes), 0);
+        assert_eq!(ask(20, RequestBody::VERB_GOTO, other, yes), 0);
+        assert_eq!(ask(30, RequestBody::VERB_HOLD, other, OperatorRequest::REFUSED), 0);
+        assert_eq!(ask(40, RequestBody::VERB_ESTOP, other, yes), 40);
+        assert_eq!(ask(35, RequestBody::VERB_PAUSE, other, yes), 40);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The conversation with a browser: its messages to the gateway, and the robot's state to the browser.
 
 use crate::app::App;
-use crate::control::Control;
+use crate::control::{Begins, Control, Presses, Sign};
 use crate::fields::Fields;
 use crate::link::{self, Browser, Incoming, NoLink, Outgoing, Welcome};
 use crate::places::{BROWSERS, OF_AN_ADDRESS, UNPAIRED, Visit};
@@ -91,11 +91,11 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAd
     // A role that may not stop stops as the page, because that is open to every role.
     let stopping = Browser { token: token.filter(|_| refused.is_none() && welcome.role != "look"), from };
     let stops = Stops::new(Arc::clone(&app), stopping, local.clone(), visit);
-    let (shared, control) = (Both::default(), Control::default());
+    let (shared, control, presses) = (Both::default(), Control::default(), Presses::default());
     let flies = ["fly", "owner"].contains(&welcome.role.as_str());
     let (calls, queue) = mpsc::channel(QUEUED);
     let mut inbound =
-        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared, flies };
+        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared, flies, presses };
     let outbound = outbound(&app, sink, incoming, answers, &shared);
     tokio::select! {
         () = inbound.run() => {}
@@ -275,6 +275,7 @@ struct Inbound<'a> {
     shared: &'a Both,
     /// The role permits to fly.
     flies: bool,
+    presses: Presses,
 }
 
 impl Inbound<'_> {
@@ -306,25 +307,19 @@ impl Inbound<'_> {
         };
         match message {
             FromBrowser::Hello { .. } => {}
-            FromBrowser::Ask { id, request } if request.is_stop() => {
+            FromBrowser::Ask { id, request, .. } if request.is_stop() => {
                 let sent = !locked(self.shared).asked.is_empty();
                 let unmade = self.control.stop(&request, sent);
                 self.stops.press(id, request);
                 self.unmade(unmade);
             }
-            FromBrowser::Ask { id, request } => self.call(ask(id, request), Vec::new()),
-            // The gateway ends a held motion, so that it ends also with this program.
-            FromBrowser::Held { id, request, sign } => {
-                let replaced = match sign.too_old(self.app.topics.now_ms()) {
-                    Some(age_s) => {
-                        let why = Reason::HeldTooOld { age_s };
-                        return self.answer(refused(id, &why));
-                    }
-                    None => self.control.hold(id, request, now_ns()),
-                };
-                locked(self.shared).asked.insert(id);
-                self.unmade(replaced);
+            FromBrowser::Ask { id, request, press } => {
+                if let Some(pressed_ns) = self.pressed(id, press) {
+                    self.call(ask(id, request, Some(pressed_ns)), Vec::new());
+                }
             }
+            // The gateway ends a held motion, so that it ends also with this program.
+            FromBrowser::Held { id, request, sign, press } => self.hold(id, request, sign, press),
             FromBrowser::Beat { sign } => {
                 if sign.too_old(self.app.topics.now_ms()).is_none() {
                     self.control.beat(now_ns());
@@ -336,12 +331,35 @@ impl Inbound<'_> {
             }
             FromBrowser::Fly { id, name, text, continues } => {
                 let request = Request::Run { mission: name, hash: config::mission_hash(&text), continues };
-                self.call(ask(id, request), text.into_bytes());
+                self.call(ask(id, request, Some(now_ns())), text.into_bytes());
             }
             FromBrowser::Pair { id, code } => self.call(Call::CodeUse { id, code }, Vec::new()),
             FromBrowser::Seat { id, what } => self.call(Call::Seat { id, what }, Vec::new()),
             other => self.look(other),
         }
+    }
+
+    /// When the control was pressed for this request, ns. `None`: the robot was stopped since, which is answered.
+    fn pressed(&mut self, id: u64, press: Option<u64>) -> Option<u64> {
+        let now_ns = now_ns();
+        let pressed_ns = press.map_or(now_ns, |number| self.presses.at_ns(number, now_ns));
+        // The gateway compares with the stops of its own clients.
+        if pressed_ns < self.app.topics.stopped_ns() {
+            self.answer(refused(id, &Reason::OvertakenByStop));
+            return None;
+        }
+        Some(pressed_ns)
+    }
+
+    /// Requests a motion that is held. The gateway ends it, so that it ends also with this program.
+    fn hold(&mut self, id: u64, request: Request, sign: Sign, press: Option<u64>) {
+        let Some(pressed_ns) = self.pressed(id, press) else { return };
+        if let Some(age_s) = sign.too_old(self.app.topics.now_ms()) {
+            return self.answer(refused(id, &Reason::HeldTooOld { age_s }));
+        }
+        let replaced = self.control.hold(Begins { id, request, at_ns: now_ns(), pressed_ns });
+        locked(self.shared).asked.insert(id);
+        self.unmade(replaced);
     }
 
     /// What moves nothing.

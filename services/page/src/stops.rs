@@ -36,7 +36,7 @@ async fn stop_anew(app: &App, browser: &Browser, request: Request) -> Answer<Rep
     // It is never closed.
     let _place = app.stops.of(&request).acquire().await;
     let (mut incoming, mut outgoing) = connected(app, browser).await?;
-    outgoing.send(&ask(1, request), &[]).await?;
+    outgoing.send(&ask(1, request, None), &[]).await?;
     loop {
         // Who flies is told to every page.
         match incoming.next().await?.0 {
@@ -91,7 +91,7 @@ async fn carry(mut incoming: Incoming, mut outgoing: Outgoing, presses: &mut mps
             press = presses.recv() => {
                 let Press(request, answered) = press?;
                 last_id += 1;
-                if outgoing.send(&ask(last_id, request), &[]).await.is_err() {
+                if outgoing.send(&ask(last_id, request, None), &[]).await.is_err() {
                     return Some(());
                 }
                 waiting.insert(last_id, answered);

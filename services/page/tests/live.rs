@@ -180,6 +180,42 @@ fn a_stop_waits_for_nothing_and_the_next_motion_only_for_rest() {
 }
 
 #[test]
+fn a_motion_that_is_asked_for_again_does_not_begin_after_the_stop_of_another() {
+    let rig = Rig::up();
+    let (mut flyer, mut visitor) = (rig.browser(Some(&rig.token("tablet", "fly"))), rig.browser(None));
+    ready(&mut flyer, START);
+    let go = |z: f64| json!({ "verb": "goto", "to_m": [5.4, 3.6, z], "path": { "shape": "line" }, "speed_m_s": 0.05 });
+    for (press, stop) in [(1, "of a browser"), (3, "of the command line")] {
+        flyer.insist(&json!({ "call": "ask", "request": go(0.7) }));
+        flyer.until_state("it flies", |state| state["mode"] == "following");
+        // As the page does after a release: it asks again until the robot rests.
+        let attempts = [
+            json!({ "call": "ask", "request": go(0.8), "press": press }),
+            json!({ "call": "held", "request": go(0.8), "press": press }),
+        ];
+        for attempt in &attempts {
+            let early = flyer.call(attempt.clone());
+            assert!([203, 209].map(Value::from).contains(&early["reason"]), "{early}");
+        }
+        if stop == "of a browser" {
+            assert_eq!(visitor.ask(plain("stop"))["accepted"], "accepted");
+        } else {
+            rig.command("stop");
+        }
+        flyer.until_state("it holds", |state| state["mode"] == "holding");
+        for attempt in attempts {
+            let late = flyer.call(attempt);
+            assert_eq!(late["reason"], 474, "{stop}: {late}");
+        }
+        // Another press begins a motion.
+        flyer.insist(&json!({ "call": "ask", "request": go(0.8), "press": press + 1 }));
+        flyer.until_state("it flies", |state| state["mode"] == "following");
+        assert_eq!(flyer.ask(plain("stop"))["accepted"], "accepted");
+        flyer.until_state("it holds", |state| state["mode"] == "holding");
+    }
+}
+
+#[test]
 fn a_held_motion_ends_also_when_the_page_hangs_or_dies() {
     let rig = Rig::up();
     let mut flyer = rig.browser(Some(&rig.token("tablet", "fly")));

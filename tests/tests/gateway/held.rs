@@ -12,7 +12,7 @@ use std::cell::RefCell;
 fn held(robot: &mut Robot, gateway: &Gateway, request: &Request, mode: u8) -> Client {
     let mut client = gateway.client();
     robot.until("it rests", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
-    let ask = Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None };
+    let ask = Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None, pressed_ns: None };
     let begun = crate::rig::answer(&client.call(&ask));
     assert_eq!(begun.1, Accepted::Accepted, "{begun:?}");
     let holding = RefCell::new(&mut client);

@@ -145,7 +145,7 @@ impl Client {
     }
 
     pub fn ask(&mut self, request: Request) -> (u16, Accepted) {
-        answer(&self.call(&Call::Ask { id: 9, request, process: None, held: false, at_ns: None }))
+        answer(&self.call(&Call::Ask { id: 9, request, process: None, held: false, at_ns: None, pressed_ns: None }))
     }
 }
 

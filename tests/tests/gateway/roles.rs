@@ -48,7 +48,7 @@ fn actions() -> Vec<(&'static str, &'static str, Call, Vec<u8>)> {
         .into_iter()
         .map(|(role, name, request)| {
             let body = if name == "run" { mission.to_vec() } else { Vec::new() };
-            (role, name, Call::Ask { id: 1, request, process: None, held: false, at_ns: None }, body)
+            (role, name, Call::Ask { id: 1, request, process: None, held: false, at_ns: None, pressed_ns: None }, body)
         })
         .collect();
     let plain = [

@@ -47,7 +47,7 @@ fn hello() -> Vec<u8> {
 }
 
 fn ask(id: u64, request: Request) -> Vec<u8> {
-    framed(&Call::Ask { id, request, process: None, held: false, at_ns: None }, &[])
+    framed(&Call::Ask { id, request, process: None, held: false, at_ns: None, pressed_ns: None }, &[])
 }
 
 /// A client of that user that has said hello.

@@ -142,6 +142,12 @@ impl Rig {
         }
     }
 
+    /// A command of the robot's user, past the gateway.
+    pub fn command(&self, verb: &str) {
+        let output = Command::new(program("nims")).args(["--domain", self.domain.name(), verb]).output().unwrap();
+        assert!(output.status.success(), "{verb}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+
     /// A new token.
     pub fn token(&self, holder: &str, role: &str) -> String {
         let printed = self.nims(&["token", "list"]);

@@ -145,28 +145,31 @@ export class Fly {
         const target = this.drawn.target;
         if (!target?.possible) return;
         const request: Request = { verb: "goto", to_m: target.at, path: { shape: "line" }, speed_m_s: null };
-        void this.conversation.whenAtRest(() => this.conversation.ask(request)).then((answer) => this.said(answer));
+        const press = this.conversation.press();
+        void this.conversation.whenAtRest(press, () => this.conversation.ask(request, press)).then((answer) => this.said(answer));
     }
 
     /** A move by direction, as far as the ground and the planner permit, while `held`. */
     private async along(direction: Point, held: () => boolean): Promise<void> {
         const at = nodeOf(this.store.state), ground = this.store.scene?.ground_m ?? 0;
+        const press = this.conversation.press();
         let answer = refused(t("the position of the node is not known: zero it first"));
         for (const reach of at ? REACHES_M : []) {
             const to = at!.map((value, axis) => value + reach * direction[axis as 0]) as Point;
             to[2] = Math.max(to[2], Math.min(at![2], ground + 0.1));
-            answer = await this.conversation.whenAtRest(() => this.conversation.held({ verb: "goto", to_m: to, path: { shape: "line" }, speed_m_s: SLOW_M_S }), held);
-            if (answer.accepted === "accepted" || !held()) return;
+            answer = await this.conversation.whenAtRest(press, () => this.conversation.held({ verb: "goto", to_m: to, path: { shape: "line" }, speed_m_s: SLOW_M_S }, press), held);
+            if (answer.accepted === "accepted" || !held() || press.isOver()) return;
         }
         this.said(answer);
     }
 
     /** A jog of a cable, as far as its limits permit, while `held`. */
     private async jog(cable: number, sign: number, held: () => boolean): Promise<void> {
+        const press = this.conversation.press();
         let answer = refused("");
         for (const reach of REACHES_M) {
-            answer = await this.conversation.held({ verb: "jog", cable, distance_m: sign * reach });
-            if (answer.accepted === "accepted" || !held()) return;
+            answer = await this.conversation.held({ verb: "jog", cable, distance_m: sign * reach }, press);
+            if (answer.accepted === "accepted" || !held() || press.isOver()) return;
         }
         this.said(answer);
     }

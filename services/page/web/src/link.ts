@@ -100,6 +100,9 @@ export class Store {
     }
 }
 
+/** A press of a control: all attempts at its motion have its number. It is over with the next press, and with a stop. */
+export interface Press { number: number; isOver: () => boolean }
+
 interface Waiting { done: (reply: Reply) => void; timer: number }
 
 /** The conversation. */
@@ -113,6 +116,8 @@ export class Conversation {
     private code: string | null;
     /** Number of stops by this browser. */
     private stops = 0;
+    /** Number of presses that begin a motion. */
+    private presses = 0;
     /** When it ended a motion last, by a stop or a release, ms of the page's clock. */
     private endedAt = -Infinity;
 
@@ -204,22 +209,28 @@ export class Conversation {
     }
 
     /** Requests something of the robot. */
-    async ask(request: Request): Promise<Answer> {
-        const reply = await this.call({ call: "ask", request });
+    async ask(request: Request, press: Press | null = null): Promise<Answer> {
+        const reply = await this.call({ call: "ask", request, press: press?.number ?? null });
         return reply.reply === "answer" ? reply : refusal(reply.id, t("the reply is of another kind; load the page again"));
+    }
+
+    /** A control that begins a motion is pressed. */
+    press(): Press {
+        const number = ++this.presses, { stops } = this;
+        return { number, isOver: () => number !== this.presses || stops !== this.stops };
     }
 
     /**
      * Requests a motion. Directly after a stop or a release the robot still comes to rest: then it is asked for again
-     * until it rests, as long as it is `wanted` and the robot is not stopped again.
+     * until it rests, as long as it is `wanted` and the press is not over. Stops of others are compared by the server.
      */
-    async whenAtRest(attempt: () => Promise<Answer>, wanted: () => boolean = () => true): Promise<Answer> {
-        const until = performance.now() + REST_MS, { stops } = this;
+    async whenAtRest(press: Press, attempt: () => Promise<Answer>, wanted: () => boolean = () => true): Promise<Answer> {
+        const until = performance.now() + REST_MS;
         for (;;) {
             const answer = await attempt();
-            if (!NOT_AT_REST.includes(answer.reason) || !wanted() || stops !== this.stops || performance.now() > until || !this.comesToRest) return answer;
+            if (!NOT_AT_REST.includes(answer.reason) || !wanted() || press.isOver() || performance.now() > until || !this.comesToRest) return answer;
             await new Promise((done) => setTimeout(done, ATTEMPT_MS));
-            if (!wanted() || stops !== this.stops) return answer;
+            if (!wanted() || press.isOver()) return answer;
         }
     }
 
@@ -254,9 +265,9 @@ export class Conversation {
     }
 
     /** Begins a motion that goes on until `release`, or until this page or its connection is gone. */
-    async held(request: Request): Promise<Answer> {
+    async held(request: Request, press: Press): Promise<Answer> {
         this.release();
-        const answered = this.call({ call: "held", request, sign: this.store.sign() });
+        const answered = this.call({ call: "held", request, sign: this.store.sign(), press: press.number });
         this.beats = window.setInterval(() => this.send({ call: "beat", sign: this.store.sign() }), BEAT_MS);
         const reply = await answered;
         return reply.reply === "answer" ? reply : refusal(reply.id, t("the reply is of another kind; load the page again"));

@@ -124,10 +124,10 @@ export type Request =
 /** When a sign that a control is held was made, and the newest state that could be seen, ms in time of the server. */
 export interface Sign { made_ms: number; seen_ms: number }
 
-/** A call, to which the link adds its number. */
+/** A call, to which the link adds its number; `press`: that of the press, which all attempts of it have. */
 export type Call =
-    | { call: "ask"; request: Request }
-    | { call: "held"; request: Request; sign: Sign }
+    | { call: "ask"; request: Request; press: number | null }
+    | { call: "held"; request: Request; sign: Sign; press: number | null }
     | { call: "fly"; name: string; text: string; continues: boolean }
     | { call: "pair"; code: string }
     | { call: "seat"; what: "ask" | "give" | "keep" }

@@ -230,7 +230,7 @@ impl Gateway {
         let mut asked = sample(request)?;
         // Only a fault names its process: the gateway knows the others.
         let process = matches!(request, Request::Fault { .. }).then(|| process.to_owned());
-        let call = Call::Ask { id: self.0.next_id(), request: request.clone(), process, held: false, at_ns: None };
+        let call = Call::Ask { id: self.0.next_id(), request: request.clone(), process, held: false, at_ns: None, pressed_ns: None };
         let (reply, _) = self.0.exchange_with(&call, body, patience_ns, uneasy)?;
         asked.put_answer(&reply.request_answer().ok_or_else(|| unexpected(&reply))?);
         Ok(asked)

@@ -128,6 +128,10 @@ pub enum Call {
         /// is 0.3 s old is refused.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         at_ns: Option<u64>,
+        /// When the person pressed for this motion first, on the same clock: it is refused if a client has stopped the
+        /// robot since. For motions that are requested again until the robot rests.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pressed_ns: Option<u64>,
     },
     /// The control of a held motion is still held; the only call without a reply.
     Beat {

@@ -88,6 +88,7 @@ fn every_call_is_read_as_it_was_written() {
             process: None,
             held: false,
             at_ns: None,
+            pressed_ns: None,
         },
         Call::Ask {
             id: 2,
@@ -95,6 +96,7 @@ fn every_call_is_read_as_it_was_written() {
             process: Some("a".to_owned()),
             held: false,
             at_ns: None,
+            pressed_ns: None,
         },
         Call::Ask {
             id: 3,
@@ -102,6 +104,7 @@ fn every_call_is_read_as_it_was_written() {
             process: None,
             held: true,
             at_ns: Some(7),
+            pressed_ns: Some(5),
         },
         Call::Release { id: 4 },
         Call::Robot { id: 5 },
@@ -139,7 +142,7 @@ fn every_call_is_read_as_it_was_written() {
 #[test]
 fn a_number_that_json_cannot_hold_is_never_left_out() {
     let goto = |speed_m_s| Request::Goto { to_m: [1.0, 2.0, 0.1 + 0.2], path: messages::GotoPath::Line, speed_m_s };
-    let call = |speed| Call::Ask { id: 1, request: goto(Some(speed)), process: None, held: false, at_ns: None };
+    let call = |speed| Call::Ask { id: 1, request: goto(Some(speed)), process: None, held: false, at_ns: None, pressed_ns: None };
     assert!(call(0.3).header().is_ok());
     for speed in [f64::NAN, f64::INFINITY] {
         assert!(call(speed).header().is_err());
