@@ -30,19 +30,25 @@ export class Stop {
             if (!event.repeat) this.press();
         }, { capture: true });
         window.addEventListener("keyup", (event) => {
-            if (event.code !== "Space" || typing(event.target)) return;
-            event.preventDefault();
+            if (event.code !== "Space") return;
+            if (!typing(event.target)) event.preventDefault();
             this.release();
         }, { capture: true });
+        // The end of a press is not seen from here on: it must not become an emergency stop.
+        for (const event of ["blur", "pagehide"]) window.addEventListener(event, () => this.release());
+        document.addEventListener("visibilitychange", () => { if (document.hidden) this.release(); });
         this.watchGamepads();
     }
 
+    /** Every press stops, also one after a press whose end was not seen. */
     private press(): void {
+        void this.conversation.stop("stop").then(this.answered);
         if (this.timer !== null) return;
+        this.element.classList.remove("emergency");
         this.element.classList.add("pressed");
         write(this.word, t("STOPPING"));
-        void this.conversation.stop("stop").then(this.answered);
         this.timer = window.setTimeout(() => {
+            this.timer = null;
             this.element.classList.add("emergency");
             write(this.word, t("EMERGENCY STOP"));
             void this.conversation.stop("estop").then(this.answered);
@@ -50,8 +56,7 @@ export class Stop {
     }
 
     private release(): void {
-        if (this.timer === null) return;
-        clearTimeout(this.timer);
+        if (this.timer !== null) clearTimeout(this.timer);
         this.timer = null;
         this.element.classList.remove("pressed", "emergency");
         write(this.word, "STOP");

@@ -22,10 +22,16 @@ const browser = await chromium.launch({
 const context = await browser.newContext({ viewport: { width: 820, height: 1180 }, hasTouch: true, ignoreHTTPSErrors: true });
 context.setDefaultTimeout(LONG);
 const page = await context.newPage();
-// A gamepad, which Chromium cannot emulate: what the page reads of it.
+// A gamepad, which Chromium cannot emulate: what the page reads of it. And the number of stops that it sends.
 await page.addInitScript(() => {
     window.pad = { connected: true, axes: [0, 0, 0, 0], buttons: Array.from({ length: 17 }, () => ({ pressed: false })) };
     navigator.getGamepads = () => [window.pad];
+    window.stops = 0;
+    const { send } = WebSocket.prototype;
+    WebSocket.prototype.send = function (data) {
+        if (String(data).includes('"verb":"stop"')) window.stops += 1;
+        return send.call(this, data);
+    };
 });
 const wrong = [];
 page.on("console", (message) => { if (message.type() === "error") wrong.push(message.text()); });
@@ -174,6 +180,22 @@ await page.evaluate(async () => {
 });
 await mode("holding");
 said("stopped by the gamepad");
+
+// A press whose end was not seen takes no later one: each is sent. What is held when the page loses the keyboard is no
+// emergency stop.
+const sent = await page.evaluate(() => {
+    const before = window.stops, down = () => document.body.dispatchEvent(new KeyboardEvent("keydown", { code: "Space", bubbles: true, cancelable: true }));
+    down();
+    down();
+    window.dispatchEvent(new Event("blur"));
+    return window.stops - before;
+});
+assert.equal(sent, 2);
+// Held for a second it would be one.
+await page.waitForTimeout(1500);
+assert.equal(await page.locator(".mode").getAttribute("data-mode"), "holding");
+assert.equal(await page.locator("#stop .stop-word").innerText(), "STOP");
+said("a press whose end is lost");
 
 // A raster is written by the form, checked, flown, paused, resumed and stopped.
 await page.getByRole("tab", { name: "Missions" }).click();
