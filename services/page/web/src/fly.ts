@@ -7,7 +7,7 @@ import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
 import { Space } from "./space.js";
 import { type Drawn, bounds, extend, missionText, nodeOf } from "./view.js";
-import { sentence, t, translate } from "./lang.js";
+import { sentence, t, told, translate } from "./lang.js";
 
 /** Time without a change after which a target is checked, ms. */
 const SETTLED_MS = 120;
@@ -101,8 +101,7 @@ export class Fly {
     said(answer: Answer): void {
         this.answer.hidden = false;
         this.answer.classList.toggle("refused", answer.accepted !== "accepted");
-        const text = sentence(answer.reason, answer.sentence), shown = text.charAt(0).toUpperCase() + text.slice(1);
-        write(this.answer, answer.accepted === "accepted" ? `✓ ${shown}` : `✕ ${shown}`);
+        write(this.answer, told(answer));
     }
 
     private async ask(request: Request): Promise<void> { this.said(await this.conversation.ask(request)); }

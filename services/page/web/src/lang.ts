@@ -44,6 +44,12 @@ export function sentence(reason: number, english: string): string {
     return values ? filled(translated, all(values)) : translate(english);
 }
 
+/** An answer as the page shows it. */
+export function told(answer: { accepted: string; reason: number; sentence: string }): string {
+    const text = sentence(answer.reason, answer.sentence);
+    return `${answer.accepted === "accepted" ? "✓" : "✕"} ${text.charAt(0).toUpperCase()}${text.slice(1)}`;
+}
+
 /** What a template looks for: its pattern, the names of its parameters, and the text in the language of the browser. */
 interface Pattern { looks: RegExp; names: string[]; translated: string; lines: boolean; own: number }
 

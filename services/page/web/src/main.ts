@@ -24,7 +24,7 @@ const setup = new SetUp(store, conversation);
 const charts = new Charts(store, conversation);
 const runs = new Runs(store, conversation);
 const robot = new RobotView(store, conversation);
-const stop = new Stop(conversation, (answer) => fly.said(answer));
+const stop = new Stop(conversation);
 
 const views: Record<string, { element: HTMLElement; draw: (visible: boolean) => void; shown?: () => void }> = {
     Fly: { element: fly.element, draw: (visible) => fly.draw(visible) },
@@ -47,7 +47,7 @@ function show(name: string): void {
 
 for (const name of Object.keys(views)) tabs.append(h("button", { type: "button", role: "tab", "data-view": name, click: () => show(name) }, NAMES[name] ?? name));
 document.querySelector(".early")?.remove();
-document.body.append(head.element, h("main", {}, ...Object.values(views).map((view) => view.element)), head.note, tabs, stop.element);
+document.body.append(head.element, h("main", {}, ...Object.values(views).map((view) => view.element)), head.note, stop.said, tabs, stop.element);
 show(shown);
 
 let drawnAt = -Infinity;

@@ -3,10 +3,12 @@
 import { h, write } from "./dom.js";
 import type { Conversation } from "./link.js";
 import type { Answer } from "./protocol.js";
-import { t } from "./lang.js";
+import { told, t } from "./lang.js";
 
 /** Time for which STOP is held until it is the emergency stop, ms. */
 const HELD_MS = 1000;
+/** Time for which it is shown that the robot has taken a stop, ms. What went wrong stays until the next press or a tap. */
+const TOLD_MS = 8000;
 /** Buttons of a gamepad that stop: B of the standard layout, the right one of the four. */
 const GAMEPAD_STOPS = [1];
 
@@ -14,10 +16,15 @@ export class Stop {
     readonly element: HTMLButtonElement;
     private readonly word = h("span", { class: "stop-word" }, "STOP");
     private readonly hint = h("span", { class: "stop-hint" }, t("hold 1 s: emergency stop"));
+    /** The answer to the last press, in every view. */
+    readonly said = h("p", { class: "stop-said", role: "alert", hidden: true, click: () => { this.said.hidden = true; } });
+    private presses = 0;
+    private answered = 0;
+    private hides = 0;
     private timer: number | null = null;
     private gamepadDown = false;
 
-    constructor(private readonly conversation: Conversation, private readonly answered: (answer: Answer) => void) {
+    constructor(private readonly conversation: Conversation) {
         this.element = h("button", { class: "stop", type: "button", id: "stop", "aria-label": t("Stop the robot. Hold for one second for the emergency stop.") }, this.word, this.hint);
         this.element.addEventListener("pointerdown", (event) => { event.preventDefault(); this.press(); });
         for (const end of ["pointerup", "pointercancel", "pointerleave"]) this.element.addEventListener(end, () => this.release());
@@ -42,7 +49,7 @@ export class Stop {
 
     /** Every press stops, also one after a press whose end was not seen. */
     private press(): void {
-        void this.conversation.stop("stop").then(this.answered);
+        this.ask("stop");
         if (this.timer !== null) return;
         this.element.classList.remove("emergency");
         this.element.classList.add("pressed");
@@ -51,8 +58,26 @@ export class Stop {
             this.timer = null;
             this.element.classList.add("emergency");
             write(this.word, t("EMERGENCY STOP"));
-            void this.conversation.stop("estop").then(this.answered);
+            this.ask("estop");
         }, HELD_MS);
+    }
+
+    private ask(verb: "stop" | "estop"): void {
+        const number = ++this.presses;
+        this.said.hidden = true;
+        void this.conversation.stop(verb).then((answer) => this.tell(number, answer));
+    }
+
+    /** Shows an answer; that of an earlier press does not replace that of a later one. */
+    private tell(number: number, answer: Answer): void {
+        if (number < this.answered) return;
+        this.answered = number;
+        const accepted = answer.accepted === "accepted";
+        this.said.hidden = false;
+        this.said.classList.toggle("refused", !accepted);
+        write(this.said, told(answer));
+        clearTimeout(this.hides);
+        if (accepted) this.hides = window.setTimeout(() => { this.said.hidden = true; }, TOLD_MS);
     }
 
     private release(): void {

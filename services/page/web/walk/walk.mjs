@@ -148,6 +148,8 @@ for (const [point, stop] of [[[4.0, 2.6, 0.5], () => page.locator("#stop").tap()
     await press("Restart planner");
     await asks.waitFor();
     await stop();
+    // What became of it is told in every view.
+    await page.locator(".stop-said:not(.refused)").waitFor();
     await mode("holding");
     assert.equal(await asks.count(), 1);
     await press("Cancel");
