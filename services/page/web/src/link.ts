@@ -17,6 +17,8 @@ const NOT_AT_REST = [203, 206, 209];
 const REST_MS = 4000, ATTEMPT_MS = 60;
 /** Time without an answer to a stop after which it is sent over plain HTTP too, ms: a connection may be dead and look alive. */
 const STOP_MS = 500;
+/** Longest wait for an answer to a stop over plain HTTP, ms: that is how long the server itself waits for the gateway. */
+const PLAIN_MS = 3_000;
 /** Time until a stop is seen in the state, ms. */
 const SEEN_MS = 500;
 /** Time for which the fastest state counts in the comparison of the clocks, ms. */
@@ -250,13 +252,15 @@ export class Conversation {
         // A refusal without a number is the page's own: the connection was lost.
         if (answer !== null && (answer.accepted === "accepted" || answer.reason !== 0)) return answer;
         const plain = await this.plainStop(verb);
-        return plain.accepted === "accepted" ? plain : asked;
+        // What the conversation has answered meanwhile counts; on a dead connection it answers long after.
+        const meanwhile = await Promise.race([asked, Promise.resolve(null)]);
+        return plain.accepted !== "accepted" && meanwhile?.accepted === "accepted" ? meanwhile : plain;
     }
 
     /** Stops the robot without the conversation. */
     private async plainStop(verb: "stop" | "estop"): Promise<Answer> {
         try {
-            const response = await fetch(`/plain/${verb}`, { method: "POST" });
+            const response = await fetch(`/plain/${verb}`, { method: "POST", signal: AbortSignal.timeout(PLAIN_MS) });
             const text = new DOMParser().parseFromString(await response.text(), "text/html").querySelector("#answer")?.textContent ?? "";
             return { reply: "answer", id: 0, accepted: response.ok && !text.startsWith("refused") ? "accepted" : "refused", reason: 0, sentence: text };
         } catch {
