@@ -2,6 +2,7 @@
 
 import { Charts } from "./charts.js";
 import { h } from "./dom.js";
+import { fit } from "./fit.js";
 import { Fly } from "./fly.js";
 import { Head } from "./head.js";
 import { Conversation, Store } from "./link.js";
@@ -48,6 +49,7 @@ function show(name: string): void {
 for (const name of Object.keys(views)) tabs.append(h("button", { type: "button", role: "tab", "data-view": name, click: () => show(name) }, NAMES[name] ?? name));
 document.querySelector(".early")?.remove();
 document.body.append(head.element, h("main", {}, ...Object.values(views).map((view) => view.element)), head.note, stop.said, tabs, stop.element);
+fit();
 show(shown);
 
 let drawnAt = -Infinity;

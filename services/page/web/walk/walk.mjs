@@ -453,6 +453,21 @@ for (const tab of await page.getByRole("tab").all()) {
 }
 said("nothing is cut at 360 px and above, and the questions of a site, in four languages");
 
+// A keyboard on the screen, as Safari shows it: over the page, which it moves. STOP is above it, and the field too.
+await page.setViewportSize({ width: 390, height: 844 });
+const keyboard = (seen) => page.evaluate((seen) => {
+    const { visualViewport } = window;
+    for (const name of ["height", "offsetTop"]) delete visualViewport[name];
+    for (const [name, value] of Object.entries(seen)) Object.defineProperty(visualViewport, name, { get: () => value, configurable: true });
+    visualViewport.dispatchEvent(new Event("resize"));
+}, seen);
+await keyboard({ height: 420, offsetTop: 100 });
+const [above, typed] = [await page.locator("#stop").boundingBox(), await page.locator("main").boundingBox()];
+assert.ok(above && typed && above.y + above.height <= 520 && typed.y >= 100 && typed.height > 200, JSON.stringify([above, typed]));
+if (folder) await page.screenshot({ path: `${folder}/keyboard.png` });
+await keyboard({});
+said("STOP above a keyboard");
+
 if (folder) {
     mkdirSync(folder, { recursive: true });
     await page.getByRole("tab", { name: "Fly" }).click();
