@@ -19,7 +19,7 @@ const UNHEARD: u64 = 0;
 pub(crate) struct Sign {
     /// When it was made.
     pub(crate) made_ms: f64,
-    /// The newest state that the person could see.
+    /// Of when the robot is that the person could see: the newest state, less its age.
     pub(crate) seen_ms: f64,
 }
 

@@ -23,6 +23,8 @@ const PLAIN_MS = 3_000;
 const SEEN_MS = 500;
 /** Time for which the fastest state counts in the comparison of the clocks, ms. */
 const COMPARED_MS = 5_000;
+/** An instant before any state, ms. */
+const LONG_AGO_MS = -1e12;
 const TOKEN = "nims-token";
 const FREE: Seat = { reply: "seat", id: 0, flyer: null, asks: null, within_s: 0 };
 const EVENTS = 200;
@@ -70,9 +72,10 @@ export class Store {
         this.ahead = Math.max(this.ahead, ahead_ms);
     }
 
-    /** What a sign that a control is held carries: when it was made, and what could be seen, in time of the server. */
+    /** What a sign that a control is held carries: when it was made, and of when the robot is that could be seen, in time of the server. */
     sign(): Sign {
-        return { made_ms: performance.now() + Math.max(this.ahead, this.aheadBefore), seen_ms: this.state?.at_ms ?? 0 };
+        const { state } = this;
+        return { made_ms: performance.now() + Math.max(this.ahead, this.aheadBefore), seen_ms: state?.age_s == null ? LONG_AGO_MS : state.at_ms - 1000 * state.age_s };
     }
 
     /** An instant in time of the server as seconds of this browser's clock. */

@@ -121,7 +121,7 @@ export type Request =
     | { verb: "swap" | "admit"; role: string; slot: string }
     | { verb: "stop-process" | "restart-process" | "unplug"; name: string };
 
-/** When a sign that a control is held was made, and the newest state that could be seen, ms in time of the server. */
+/** When a sign that a control is held was made, and of when the robot is that could be seen, ms in time of the server. */
 export interface Sign { made_ms: number; seen_ms: number }
 
 /** A call, to which the link adds its number; `press`: that of the press, which all attempts of it have. */
