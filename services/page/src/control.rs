@@ -2,6 +2,7 @@
 
 use gateway_protocol::Call;
 use messages::Request;
+use robot_state::Reason;
 use serde::Deserialize;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::Notify;
@@ -24,14 +25,14 @@ pub(crate) struct Sign {
 }
 
 impl Sign {
-    /// The age that is too large, s; `None` if it counts.
-    pub(crate) fn too_old(self, now_ms: f64) -> Option<f64> {
+    /// Why it does not count; `None` if it does.
+    pub(crate) fn too_old(self, now_ms: f64) -> Option<Reason> {
         let (made_ms, seen_ms) = (now_ms - self.made_ms, now_ms - self.seen_ms);
         // What is no number is old.
         match (made_ms < OLD_MS, seen_ms < UNSEEN_MS) {
             (true, true) => None,
-            (false, _) => Some(made_ms * 1e-3),
-            (true, false) => Some(seen_ms * 1e-3),
+            (false, _) => Some(Reason::HeldTooOld { age_s: made_ms * 1e-3 }),
+            (true, false) => Some(Reason::HeldUnseen { age_s: seen_ms * 1e-3 }),
         }
     }
 }
@@ -203,7 +204,8 @@ mod tests {
     fn a_sign_counts_while_it_is_young_and_the_picture_is_seen() {
         let old = |made_ms, seen_ms| Sign { made_ms, seen_ms }.too_old(10_000.0);
         assert_eq!((old(9_900.0, 9_800.0), old(9_701.0, 9_001.0)), (None, None));
-        assert_eq!((old(9_700.0, 9_900.0), old(9_900.0, 9_000.0)), (Some(0.3), Some(1.0)));
+        assert_eq!(old(9_700.0, 9_900.0), Some(Reason::HeldTooOld { age_s: 0.3 }));
+        assert_eq!(old(9_900.0, 9_000.0), Some(Reason::HeldUnseen { age_s: 1.0 }));
         assert_eq!(old(10_050.0, 10_050.0), None);
         assert!(old(f64::NAN, 9_900.0).is_some() && old(9_900.0, f64::NAN).is_some());
     }

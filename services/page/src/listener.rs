@@ -13,6 +13,7 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use rustls::ServerConfig;
+use socket2::SockRef;
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -29,6 +30,8 @@ const CONNECTIONS: Most = Most { all: 96, own: 48 };
 const OF_STRANGERS: Most = Most { all: 72, own: 24 };
 /// Time for the handshake and for the head of a request.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// Bytes that may wait to be sent on a connection: a few states.
+const UNSENT: u32 = 8 << 10;
 /// Largest head of a request, bytes.
 const HEAD: usize = 16 << 10;
 /// First byte of a TLS handshake.
@@ -126,6 +129,8 @@ pub(crate) async fn listen(
 async fn connection(stream: TcpStream, tls: Option<TlsAcceptor>, router: Router, names: Arc<[String]>) {
     // A stop is one small packet.
     let _ = stream.set_nodelay(true);
+    // What waits here for a slow connection is old when it arrives: the newest state waits before it instead.
+    let _ = SockRef::from(&stream).set_tcp_notsent_lowat(UNSENT);
     let Some(tls) = tls else { return http(stream, router).await };
     let mut first = [0];
     match timeout(PATIENCE, stream.peek(&mut first)).await {

@@ -354,8 +354,8 @@ impl Inbound<'_> {
     /// Requests a motion that is held. The gateway ends it, so that it ends also with this program.
     fn hold(&mut self, id: u64, request: Request, sign: Sign, press: Option<u64>) {
         let Some(pressed_ns) = self.pressed(id, press) else { return };
-        if let Some(age_s) = sign.too_old(self.app.topics.now_ms()) {
-            return self.answer(refused(id, &Reason::HeldTooOld { age_s }));
+        if let Some(why) = sign.too_old(self.app.topics.now_ms()) {
+            return self.answer(refused(id, &why));
         }
         let replaced = self.control.hold(Begins { id, request, at_ns: now_ns(), pressed_ns });
         locked(self.shared).asked.insert(id);

@@ -21,8 +21,8 @@ const STOP_MS = 500;
 const PLAIN_MS = 3_000;
 /** Time until a stop is seen in the state, ms. */
 const SEEN_MS = 500;
-/** Time for which the fastest state counts in the comparison of the clocks, ms. */
-const COMPARED_MS = 5_000;
+/** By how much two clocks drift apart at most, as a share: a kernel that is told the time corrects its own by 500 ppm. */
+const DRIFT = 5e-4;
 /** An instant before any state, ms. */
 const LONG_AGO_MS = -1e12;
 const TOKEN = "nims-token";
@@ -48,38 +48,38 @@ export class Store {
     trouble: string | null = t("connecting");
     events: (Log | Asked | Swapped)[] = [];
     history: History | null = null;
-    /** By how much the clock of the server is ahead of that of the page, ms: in this part of the time, and in the one before. */
+    /** By how much the clock of the server is ahead of that of the page by the state that came fastest in this conversation, ms; compared at that instant. */
     private ahead = -Infinity;
-    private aheadBefore = -Infinity;
-    private comparedAt = -Infinity;
+    private comparedAt = 0;
+    /** By how much `state` came later than the fastest one, ms. */
+    private late_ms = 0;
     private readonly listeners: (() => void)[] = [];
 
     onChange(listener: () => void): void { this.listeners.push(listener); }
     changed(): void { for (const listener of this.listeners) listener(); }
 
-    /** Age of the state, s; infinite without one. */
+    /** Age of the state, s; infinite without one. A connection that is slow delivers states that are old already. */
     age_s(): number {
         const age_s = this.state?.age_s;
-        return age_s == null ? Infinity : age_s + (performance.now() - this.stateAt) / 1000;
+        return age_s == null ? Infinity : age_s + (this.late_ms + performance.now() - this.stateAt) / 1000;
     }
 
-    /** Compares the clock of the server with this one: the state that came fastest counts, of the last seconds. */
+    /** Compares the clock of the server with this one: the state that came fastest counts, less what the clocks drift apart. */
     private compare(ahead_ms: number): void {
-        if (this.stateAt - this.comparedAt > COMPARED_MS) {
-            this.comparedAt = this.stateAt;
-            [this.aheadBefore, this.ahead] = [this.ahead, -Infinity];
-        }
-        this.ahead = Math.max(this.ahead, ahead_ms);
+        const drift_ms = DRIFT * Math.max(0, this.stateAt - this.comparedAt);
+        this.comparedAt = this.stateAt;
+        this.ahead = Math.max(this.ahead - drift_ms, ahead_ms);
+        this.late_ms = this.ahead - ahead_ms;
     }
 
     /** What a sign that a control is held carries: when it was made, and of when the robot is that could be seen, in time of the server. */
     sign(): Sign {
         const { state } = this;
-        return { made_ms: performance.now() + Math.max(this.ahead, this.aheadBefore), seen_ms: state?.age_s == null ? LONG_AGO_MS : state.at_ms - 1000 * state.age_s };
+        return { made_ms: performance.now() + this.ahead, seen_ms: state?.age_s == null ? LONG_AGO_MS : state.at_ms - 1000 * state.age_s };
     }
 
     /** An instant in time of the server as seconds of this browser's clock. */
-    at_s(at_ms: number): number { return (Date.now() - performance.now() + at_ms - Math.max(this.ahead, this.aheadBefore)) / 1000; }
+    at_s(at_ms: number): number { return (Date.now() - performance.now() + at_ms - this.ahead) / 1000; }
 
     /** Whether this browser's role permits to fly. */
     get flies(): boolean { return this.welcome !== null && ["fly", "owner"].includes(this.welcome.role); }
@@ -91,7 +91,7 @@ export class Store {
             case "robot": this.robot = told; break;
             case "plan": this.plan = told; break;
             case "link": this.link = told; break;
-            case "welcome": this.welcome = told; this.trouble = null; this.seat = FREE; this.ahead = this.aheadBefore = -Infinity; break;
+            case "welcome": this.welcome = told; this.trouble = null; this.seat = FREE; this.ahead = -Infinity; break;
             case "unreachable": this.trouble = told.sentence; break;
             case "history": this.history = told; break;
             case "log":
@@ -274,6 +274,7 @@ export class Conversation {
     /** Begins a motion that goes on until `release`, or until this page or its connection is gone. */
     async held(request: Request, press: Press): Promise<Answer> {
         this.release();
+        if (this.store.state?.age_s == null) return refusal(0, t("Nothing has come from the robot"));
         const answered = this.call({ call: "held", request, sign: this.store.sign(), press: press.number });
         this.beats = window.setInterval(() => this.send({ call: "beat", sign: this.store.sign() }), BEAT_MS);
         const reply = await answered;
