@@ -11,6 +11,8 @@ import { sentence, t, told, translate } from "./lang.js";
 
 /** Time without a change after which a target is checked, ms. */
 const SETTLED_MS = 120;
+/** Time for which new actions take no tap, ms: it was meant for what stood there before. */
+const RENEWED_MS = 500;
 /** A held motion: how far it goes, m, with the next distance if the one before is refused, and how fast a move is, m/s. */
 const REACHES_M = [1, 0.3, 0.1], SLOW_M_S = 0.08;
 /** Deflection of a stick below which it rests, and time between two looks at it, ms. */
@@ -34,6 +36,8 @@ export class Fly {
     private readonly place = h("p", { class: "big" }, "–");
     private readonly told = h("div", { class: "table" });
     private readonly acts = h("div", { class: "row" });
+    /** When the actions changed, ms of the page's clock. */
+    private actsAt = -Infinity;
     private readonly progress = h("i");
     private readonly mission = h("p");
     private readonly heightSlider = h("input", { type: "range", step: 0.05, "aria-label": t("height of the target"), input: () => this.aim({ 2: this.heightSlider.valueAsNumber }) });
@@ -64,6 +68,7 @@ export class Fly {
                 h("label", {}, t("height"), this.heightSlider), this.finding, h("div", { class: "row" }, this.go, h("button", { class: "button", type: "button", click: () => this.aim(null) }, t("Clear")))),
             h("section", { class: "card" }, h("h2", {}, t("Move while held")), this.pad, this.cables));
         this.element = h("div", { class: "view fly" }, stage, panel);
+        this.acts.addEventListener("click", (event) => { if (this.areNew) event.stopPropagation(); }, { capture: true });
         this.show(this.look);
         for (const [name, words, along] of DIRECTIONS) this.pad.append(this.heldButton(name, words, (held) => this.along(along, held)));
         if ("getGamepads" in navigator) this.watchSticks();
@@ -201,7 +206,7 @@ export class Fly {
 
     /** The actions of the mode, the one that leads on first. */
     private actions(): HTMLElement[] {
-        const { state } = this.store, rest = [this.action(t("Disarm"), { verb: "disarm" })];
+        const { state } = this.store, rest = [h("button", { class: "button", type: "button", click: () => void this.disarm() }, t("Disarm"))];
         if (!this.store.flies) return [];
         switch (state?.mode) {
             case "disarmed": return [this.action(t("Arm"), { verb: "arm" }, true)];
@@ -218,6 +223,12 @@ export class Fly {
             case "stopping": return state.mission?.state === "paused" ? [this.action(t("Resume"), { verb: "resume" }, true)] : [];
             default: return [];
         }
+    }
+
+    private get areNew(): boolean { return performance.now() - this.actsAt < RENEWED_MS; }
+
+    private async disarm(): Promise<void> {
+        if (await question(t("Switch the drives off? They no longer hold the cables then."))) await this.ask({ verb: "disarm" });
     }
 
     private async zero(): Promise<void> {
@@ -237,7 +248,11 @@ export class Fly {
         write(this.place, at ? `${at.map((m) => metres(m, 3)).join("  ")} m` : t("position not known"));
         const faults = state?.faults ?? [], needs = state?.position_known === 2 || !state?.position ? [] : [state.position];
         renew(this.told, [...faults, ...needs].join("\n"), () => [...faults.map((fault) => h("p", { class: "bad" }, translate(fault))), ...needs.map((need) => h("p", { class: "warn" }, translate(need)))]);
-        renew(this.acts, [state?.mode, state?.mission?.state, state?.position_known, state?.rate_target === 0, this.store.flies].join(), () => this.actions());
+        renew(this.acts, [state?.mode, state?.mission?.state, state?.position_known, state?.rate_target === 0, this.store.flies].join(), () => {
+            this.actsAt = performance.now();
+            return this.actions();
+        });
+        this.acts.classList.toggle("new", this.areNew);
         const mission = state?.mission, active = mission && ["running", "paused", "ready"].includes(mission.state);
         write(this.mission, !mission || mission.state === "idle" ? "" : `${missionText(mission)}${!active && mission.reason ? `. ${sentence(mission.reason_code, mission.reason)}` : ""}`);
         this.progress.style.width = `${100 * (active ? mission.progress : 0)}%`;

@@ -45,7 +45,11 @@ const mode = async (name) => {
         throw new Error(`${name} is not reached; the page shows:\n${await page.evaluate(() => document.body.innerText)}`, { cause: error });
     }
 };
-const press = (name) => page.getByRole("button", { name, exact: true }).filter({ visible: true }).first().click();
+// Actions that have just changed take no tap.
+const press = async (name) => {
+    await page.locator(".row.new").filter({ visible: true }).waitFor({ state: "detached" });
+    await page.getByRole("button", { name, exact: true }).filter({ visible: true }).first().click();
+};
 // Begins a motion. Just after another one the planner may not have seen its end, and refuses: a person tries again.
 const begin = async (name) => {
     const following = page.locator('.mode[data-mode="following"]'), begun = Date.now();
@@ -101,7 +105,18 @@ await page.getByText("may fly").waitFor();
 assert.ok(!page.url().includes(code), page.url());
 said("paired");
 
+// What appears under a finger is not pressed by it.
+const early = page.evaluate(() => new Promise((done) => {
+    const look = () => {
+        const disarm = [...document.querySelectorAll("button")].find((one) => one.textContent === "Disarm");
+        if (!disarm) return void requestAnimationFrame(look);
+        disarm.click();
+        done(document.querySelectorAll(".asks").length);
+    };
+    look();
+}));
 await press("Arm");
+assert.equal(await early, 0);
 await mode("holding");
 const aim = async (point) => {
     for (const [i, name] of ["x", "y", "z"].entries()) {
@@ -324,6 +339,7 @@ const stores = async (words) => {
 await stores("disarm the robot");
 await page.getByRole("tab", { name: "Fly" }).click();
 await press("Disarm");
+await press("Yes");
 await mode("disarmed");
 await page.getByRole("tab", { name: "Set up" }).click();
 await stores("lab3.toml is stored");
