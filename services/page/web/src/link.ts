@@ -127,11 +127,9 @@ export class Conversation {
     private endedAt = -Infinity;
 
     constructor(private readonly store: Store) {
-        const token = /[#&]token=([0-9a-f]{16,128})/.exec(location.hash)?.[1];
-        if (token) localStorage.setItem(TOKEN, token);
         this.code = /[#&]code=([0-9A-Za-z-]{8,12})/.exec(location.hash)?.[1] ?? null;
         // No secret stays in the address bar.
-        if (token || this.code) history.replaceState(null, "", location.pathname);
+        if (this.code) history.replaceState(null, "", location.pathname);
         this.open();
         setInterval(() => { if (performance.now() - this.heardAt > SILENT_MS) this.socket?.close(); }, 1000);
     }
