@@ -51,7 +51,11 @@ fn words(state: &Value) -> Vec<(&'static str, String)> {
     if let Some(supply_v) = state["supply_v"].as_f64() {
         rows.push(("supply", format!("{supply_v:.1} V")));
     }
-    rows.extend(state["mission"]["state"].as_str().map(|state| ("mission", state.to_owned())));
+    let mission = &state["mission"];
+    match mission["silent_s"].as_f64() {
+        Some(silent_s) => rows.push(("mission", format!("nothing has come from the planner for {silent_s:.0} s"))),
+        None => rows.extend(mission["state"].as_str().map(|state| ("mission", state.to_owned()))),
+    }
     rows
 }
 

@@ -38,6 +38,9 @@ pub(crate) const LOGS: &str = "system/log/";
 const SHOWN_S: f64 = 0.5;
 /// Time without an estimate after the first message of motor-io, after which it is not only late, s.
 const FIRST_S: f64 = 5.0;
+/// Time by which the newest status of the planner is older than that of motor-io, after which it tells nothing of the
+/// present, s. It is received five times per second.
+const SILENT_S: f64 = 1.0;
 /// Samples of motions that are kept for the weighing of the node: five minutes of them.
 const MOVING: usize = 6000;
 /// Points along a drawn segment.
@@ -239,10 +242,12 @@ impl Robot {
             value["slack"] = json!(estimate.slack[..cables]);
         }
         if let Some(plan) = &self.plan {
+            let last = self.authority.map(|authority| since_s(plan.header.stamp_ns, authority.header.stamp_ns));
             value["mission"] = json!({
                 "state": sentences::mission_state(plan.state), "name": text_of(&plan.mission), "leg": plan.leg,
                 "legs": plan.legs, "progress": plan.progress, "time_left_s": plan.time_left_s,
                 "reason": text_of(&plan.reason), "reason_code": plan.reason_code, "target_m": plan.target_m,
+                "silent_s": last.filter(|silent_s| *silent_s > SILENT_S).map(f64::floor),
             });
         }
         value
@@ -473,6 +478,20 @@ mod tests {
             taken(&mut robot, "system/process", &row);
             assert_eq!(robot.slow(0)["recorder"]["problem"].is_string(), is_lost, "{state}");
         }
+    }
+
+    #[test]
+    fn the_mission_of_a_planner_that_is_silent_is_told_as_such() {
+        let mut robot = Robot::default();
+        let header = |ms: u64| Header { stamp_ns: ms * 1_000_000, ..Header::default() };
+        let plan = PlanStatus { header: header(1000), state: PlanStatus::STATE_RUNNING, ..PlanStatus::default() };
+        taken(&mut robot, "plan/status", &plan);
+        let mut at = |ms: u64| {
+            let authority = MotorAuthority { header: header(ms), period_s: 0.01, ..MotorAuthority::default() };
+            taken(&mut robot, "motor/authority", &authority);
+            robot.live(0)["mission"]["silent_s"].clone()
+        };
+        assert_eq!([at(900), at(1900), at(3100)], [Value::Null, Value::Null, json!(2.0)]);
     }
 
     #[test]

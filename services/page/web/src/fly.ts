@@ -6,7 +6,7 @@ import type { Conversation, Store } from "./link.js";
 import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
 import { Space } from "./space.js";
-import { type Drawn, bounds, extend, missionText, nodeOf } from "./view.js";
+import { type Drawn, bounds, extend, isActive, missionText, nodeOf } from "./view.js";
 import { sentence, t, told, translate } from "./lang.js";
 
 /** Time without a change after which a target is checked, ms. */
@@ -208,19 +208,20 @@ export class Fly {
     private actions(): HTMLElement[] {
         const { state } = this.store, rest = [h("button", { class: "button", type: "button", click: () => void this.disarm() }, t("Disarm"))];
         if (!this.store.flies) return [];
+        const doing = isActive(state?.mission) ? state?.mission?.state : null;
         switch (state?.mode) {
             case "disarmed": return [this.action(t("Arm"), { verb: "arm" }, true)];
             case "faulted":
             case "emergency stop": return [this.action(t("Reset"), { verb: "reset" }, true), ...rest];
             case "holding": {
-                const paused = state.mission?.state === "paused" || (state.rate_target === 0 && state.mission?.state === "running");
+                const paused = doing === "paused" || (state.rate_target === 0 && doing === "running");
                 const first = paused ? [this.action(t("Resume"), { verb: "resume" }, true)] : [];
                 const confirm = state.position_known === 1 ? [this.action(t("The position is right"), { verb: "confirm-position" }, true)] : [];
                 const zero = h("button", { class: state.position_known ? "button" : "button main wide", type: "button", click: () => void this.zero() }, t("The node is at …"));
                 return [...first, ...confirm, zero, ...rest];
             }
             case "following": return [this.action(t("Pause"), { verb: "pause" }, true), ...[25, 50, 100].map((percent) => this.action(`${percent} %`, { verb: "speed", rate: percent / 100 }))];
-            case "stopping": return state.mission?.state === "paused" ? [this.action(t("Resume"), { verb: "resume" }, true)] : [];
+            case "stopping": return doing === "paused" ? [this.action(t("Resume"), { verb: "resume" }, true)] : [];
             default: return [];
         }
     }
@@ -248,14 +249,14 @@ export class Fly {
         write(this.place, at ? `${at.map((m) => metres(m, 3)).join("  ")} m` : t("position not known"));
         const faults = state?.faults ?? [], needs = state?.position_known === 2 || !state?.position ? [] : [state.position];
         renew(this.told, [...faults, ...needs].join("\n"), () => [...faults.map((fault) => h("p", { class: "bad" }, translate(fault))), ...needs.map((need) => h("p", { class: "warn" }, translate(need)))]);
-        renew(this.acts, [state?.mode, state?.mission?.state, state?.position_known, state?.rate_target === 0, this.store.flies].join(), () => {
+        renew(this.acts, [state?.mode, state?.mission?.state, state?.mission?.silent_s == null, state?.position_known, state?.rate_target === 0, this.store.flies].join(), () => {
             this.actsAt = performance.now();
             return this.actions();
         });
         this.acts.classList.toggle("new", this.areNew);
-        const mission = state?.mission, active = mission && ["running", "paused", "ready"].includes(mission.state);
+        const mission = state?.mission, active = isActive(mission);
         write(this.mission, !mission || mission.state === "idle" ? "" : `${missionText(mission)}${!active && mission.reason ? `. ${sentence(mission.reason_code, mission.reason)}` : ""}`);
-        this.progress.style.width = `${100 * (active ? mission.progress : 0)}%`;
+        this.progress.style.width = `${100 * (active ? mission?.progress ?? 0 : 0)}%`;
         this.go.disabled = !(this.drawn.target?.possible && this.store.flies);
         for (const button of this.pad.children) (button as HTMLButtonElement).disabled = !this.store.flies;
         if (!scene) return;

@@ -5,7 +5,7 @@ import { question } from "./question.js";
 import type { Conversation, Store } from "./link.js";
 import { FlatMap } from "./map.js";
 import type { Answer, Point, Request } from "./protocol.js";
-import { type Drawn, missionText, nodeOf } from "./view.js";
+import { type Drawn, isActive, missionText, nodeOf } from "./view.js";
 import { sentence, t, translate } from "./lang.js";
 
 interface Kept { name: string; text: string }
@@ -142,7 +142,7 @@ export class Missions {
 
     draw(): void {
         const { state } = this.store, mission = state?.mission;
-        const active = mission && ["running", "paused", "ready"].includes(mission.state);
+        const active = isActive(mission);
         write(this.now, !mission || mission.state === "idle" ? t("No mission") : missionText(mission));
         write(this.reason, mission?.reason ? sentence(mission.reason_code, mission.reason) : "");
         const act = (name: string, request: Request) => h("button", { class: "button", type: "button", click: async () => this.said(await this.conversation.ask(request)) }, name);

@@ -7,6 +7,8 @@ export interface Cycle { number: number; hz: number; summary: string; unsteered:
 export interface Mission {
     state: string; name: string; leg: number; legs: number; progress: number; time_left_s: number | null; reason: string; reason_code: number;
     target_m: (number | null)[];
+    /** Time without a status of the planner, s; null: it publishes. */
+    silent_s: number | null;
 }
 
 /** The state that changes all the time; what is not known is absent or null. */

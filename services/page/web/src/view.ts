@@ -63,10 +63,14 @@ export function extend(trail: Point[], at: Point | null): void {
     if (trail.length > 1500) trail.shift();
 }
 
+/** Whether a mission is under way, as far as the planner tells. */
+export const isActive = (mission: Mission | undefined): boolean => mission !== undefined && mission.silent_s === null && ["running", "paused", "ready"].includes(mission.state);
+
 /** What a mission does, in words. */
 export function missionText(mission: Mission): string {
     const name = mission.name || t("move"), state = t(mission.state);
-    if (!["running", "paused", "ready"].includes(mission.state)) return `${name}: ${state}`;
+    if (mission.silent_s !== null) return t("{name}: nothing has come from the planner for {s} s", { name, s: mission.silent_s });
+    if (!isActive(mission)) return `${name}: ${state}`;
     const { leg, legs } = mission, percent = Math.round(100 * mission.progress), left = duration(mission.time_left_s ?? 0);
     return t("{name}: {state}, leg {leg} of {legs}, {percent} %, {left} left", { name, state, leg, legs, percent, left });
 }
