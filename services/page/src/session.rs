@@ -23,7 +23,7 @@ use std::fs::File;
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::{broadcast, mpsc};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc};
 use tokio::time::{interval, timeout};
 
 /// Time in which a browser has to send `hello`.
@@ -37,6 +37,10 @@ const MESSAGES_PER_S: f64 = 100.0;
 const BURST: f64 = 200.0;
 /// Answers of the page itself that may wait for the browser.
 const WAITING: usize = 64;
+/// Answers of Set up of a browser that are evaluated or wait for it: one of each kind of measurements.
+const EVALUATIONS: usize = 2;
+/// Longest line that is typed as such an answer, bytes: the lengths of eight cables have 50.
+const LINE: usize = 1 << 10;
 /// Calls that may wait for the gateway to take them; a mission has up to 256 kB.
 const QUEUED: usize = 4;
 
@@ -94,8 +98,9 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAd
     let (shared, control, presses) = (Both::default(), Control::default(), Presses::default());
     let flies = ["fly", "owner"].contains(&welcome.role.as_str());
     let (calls, queue) = mpsc::channel(QUEUED);
+    let evaluations = Arc::new(Semaphore::new(EVALUATIONS));
     let mut inbound =
-        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared, flies, presses };
+        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared, flies, presses, evaluations };
     let outbound = outbound(&app, sink, incoming, answers, &shared);
     tokio::select! {
         () = inbound.run() => {}
@@ -276,6 +281,8 @@ struct Inbound<'a> {
     /// The role permits to fly.
     flies: bool,
     presses: Presses,
+    /// Turns of its answers of Set up.
+    evaluations: Arc<Semaphore>,
 }
 
 impl Inbound<'_> {
@@ -421,9 +428,7 @@ impl Inbound<'_> {
     }
 
     fn set_up(&self, id: u64, name: String, measurements: String, line: Option<String>) {
-        if !self.flies {
-            return self.answer(not_for_this_role(id));
-        }
+        let Some(turn) = self.turn(id, &measurements, line.as_deref()) else { return };
         let topics = &self.app.topics;
         let given = Given {
             name,
@@ -433,13 +438,11 @@ impl Inbound<'_> {
             robot_file: topics.scene().map(|scene| scene.robot_file.clone()),
             date: runlog::utc(bus::clock::unix_ns()),
         };
-        self.evaluate(id, move || setup::step(&given));
+        self.evaluate(turn, id, move || setup::step(&given));
     }
 
     fn weigh(&self, id: u64, measurements: String, line: Option<String>, after_ms: Option<f64>) {
-        if !self.flies {
-            return self.answer(not_for_this_role(id));
-        }
+        let Some(turn) = self.turn(id, &measurements, line.as_deref()) else { return };
         let topics = &self.app.topics;
         let given = weigh::Given {
             measurements,
@@ -448,13 +451,36 @@ impl Inbound<'_> {
             place: topics.place(),
             motion: after_ms.map(|after_ms| topics.moved(after_ms)),
         };
-        self.evaluate(id, move || weigh::step(&given));
+        self.evaluate(turn, id, move || weigh::step(&given));
+    }
+
+    /// The turn of an answer of Set up, which keeps it from being evaluated beside too many others of this browser.
+    fn turn(&self, id: u64, measurements: &str, line: Option<&str>) -> Option<OwnedSemaphorePermit> {
+        if !self.flies {
+            self.answer(not_for_this_role(id));
+            return None;
+        }
+        if measurements.len() > setup::MEASUREMENTS || line.is_some_and(|line| line.len() > LINE) {
+            self.answer(refusal(id, &format!("the measurements have more than {} kB; begin again", setup::MEASUREMENTS >> 10)));
+            return None;
+        }
+        let turn = Arc::clone(&self.evaluations).try_acquire_owned().ok();
+        if turn.is_none() {
+            self.answer(refusal(id, "answers of this browser are being evaluated; wait for their questions"));
+        }
+        turn
     }
 
     /// Evaluates an answer of Set up from a role that flies, on a thread of its own: a stop does not wait for it.
-    fn evaluate(&self, id: u64, step: impl FnOnce() -> Result<Value, String> + Send + 'static) {
+    fn evaluate(
+        &self,
+        turn: OwnedSemaphorePermit,
+        id: u64,
+        step: impl FnOnce() -> Result<Value, String> + Send + 'static,
+    ) {
         let (app, local) = (Arc::clone(self.app), self.local.clone());
         tokio::spawn(async move {
+            let _own = turn;
             // It is never closed. A browser that has gone waits no more.
             let _turn = app.calibrations.acquire().await;
             if local.is_closed() {

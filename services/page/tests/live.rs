@@ -371,6 +371,20 @@ fn a_site_is_calibrated_by_the_questions_of_the_command_line() {
     }
     // What is no file of measurements is refused in one sentence.
     assert!(flyer.call(step("x = 1", Value::Null))["sentence"].as_str().unwrap().contains("pond.toml"));
+    // Too long ones are not evaluated, and of many answers at once only the first ones.
+    let long = flyer.call(step(&"#".repeat(33 << 10), Value::Null));
+    assert!(long["sentence"].as_str().unwrap().contains("32 kB"), "{long}");
+    let ids = 1_000..1_040_u64;
+    for id in ids.clone() {
+        let mut call = step(&text, Value::Null);
+        call["id"] = json!(id);
+        flyer.send(&call);
+    }
+    let own = |told: &Value| told["reply"].is_string() && told["id"].as_u64().is_some_and(|id| id >= 1_000);
+    let told: Vec<Value> = ids.map(|_| flyer.until("an answer", own)).collect();
+    let refused = told.iter().filter(|told| told["sentence"].as_str().is_some_and(|why| why.contains("being evaluated")));
+    let (refused, all) = (refused.count(), told.len());
+    assert!(refused > 0 && refused < all, "{refused} of {all}");
 }
 
 #[test]
