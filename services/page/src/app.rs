@@ -5,14 +5,13 @@ use crate::observer::Topics;
 use crate::places::Conversations;
 use crate::settings::PlaceArgs;
 use messages::Request;
-use std::collections::BTreeMap;
 use std::fs::File;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::Semaphore;
 
-/// Downloads that wait to be fetched, and the time for it.
-const DOWNLOADS: usize = 32;
+/// Files of a conversation that wait to be fetched, the oldest of which makes room for the next, and the time for it.
+const OFFERS: usize = 2;
 const FETCHED: Duration = Duration::from_secs(60);
 
 /// Connections for stops at once, and those that only emergency stops take. Together with those of the browsers and of
@@ -57,11 +56,29 @@ impl Places {
 
 /// Files of finished runs that can be fetched once.
 #[derive(Debug, Default)]
-pub(crate) struct Downloads(Mutex<BTreeMap<String, Offered>>);
+pub(crate) struct Downloads(Mutex<Waiting>);
+
+#[derive(Debug, Default)]
+struct Waiting {
+    /// Oldest first.
+    offered: Vec<Offered>,
+    /// Number of the last conversation.
+    last: u64,
+}
+
+/// The files that a conversation offers, until it ends.
+#[derive(Debug)]
+pub(crate) struct Offers<'a> {
+    downloads: &'a Downloads,
+    number: u64,
+}
 
 /// A file that waits to be fetched.
 #[derive(Debug)]
 pub(crate) struct Offered {
+    ticket: String,
+    /// Number of the conversation.
+    of: u64,
     pub(crate) file: File,
     pub(crate) name: String,
     pub(crate) bytes: u64,
@@ -71,20 +88,50 @@ pub(crate) struct Offered {
 }
 
 impl Downloads {
-    /// Offers a file; returns its path, which cannot be guessed. `None`: too many wait.
-    pub(crate) fn offer(&self, file: File, name: String, bytes: u64, shown: bool) -> Option<String> {
-        let mut offered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Begins a conversation.
+    pub(crate) fn begin(&self) -> Offers<'_> {
+        let mut waiting = self.waiting();
+        waiting.last += 1;
+        Offers { downloads: self, number: waiting.last }
+    }
+
+    /// Closes the files that were not fetched in time, so that a deleted run does not stay on the disk.
+    pub(crate) fn close_late(&self) {
         let now = Instant::now();
-        offered.retain(|_, one| one.until > now);
-        let ticket = (offered.len() < DOWNLOADS).then(ticket)??;
-        offered.insert(ticket.clone(), Offered { file, name, bytes, shown, until: now + FETCHED });
-        Some(format!("/download/{ticket}"))
+        self.waiting().offered.retain(|one| one.until > now);
     }
 
     /// Takes a file that is still offered.
     pub(crate) fn fetch(&self, ticket: &str) -> Option<Offered> {
-        let mut offered = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        offered.remove(ticket).filter(|one| one.until > Instant::now())
+        let offered = &mut self.waiting().offered;
+        let at = offered.iter().position(|one| one.ticket == ticket)?;
+        Some(offered.remove(at)).filter(|one| one.until > Instant::now())
+    }
+}
+
+impl Offers<'_> {
+    /// Offers a file; returns its path, which cannot be guessed. `None`: the kernel gives no random numbers.
+    pub(crate) fn offer(&self, file: File, name: String, bytes: u64, shown: bool) -> Option<String> {
+        let (ticket, of, until) = (ticket()?, self.number, Instant::now() + FETCHED);
+        let path = format!("/download/{ticket}");
+        let offered = &mut self.downloads.waiting().offered;
+        if offered.iter().filter(|one| one.of == of).count() >= OFFERS
+            && let Some(oldest) = offered.iter().position(|one| one.of == of)
+        {
+            offered.remove(oldest);
+        }
+        offered.push(Offered { ticket, of, file, name, bytes, shown, until });
+        Some(path)
+    }
+}
+
+impl Drop for Offers<'_> {
+    fn drop(&mut self) {
+        self.downloads.waiting().offered.retain(|one| one.of != self.number);
     }
 }
 
@@ -99,15 +146,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_download_is_fetched_once_and_a_bounded_number_waits() {
+    fn a_download_is_fetched_once_and_two_of_a_conversation_wait() {
         let downloads = Downloads::default();
-        let offer = || downloads.offer(File::open("/dev/null").unwrap(), "x".to_owned(), 0, false);
-        let path = offer().unwrap();
-        let ticket = path.rsplit('/').next().unwrap();
-        assert!(
-            downloads.fetch("0").is_none() && downloads.fetch(ticket).is_some() && downloads.fetch(ticket).is_none()
-        );
-        assert_eq!((0..DOWNLOADS + 3).filter(|_| offer().is_some()).count(), DOWNLOADS);
+        let (one, other) = (downloads.begin(), downloads.begin());
+        let offer = |of: &Offers<'_>| of.offer(File::open("/dev/null").unwrap(), "x".to_owned(), 0, false).unwrap();
+        let fetch = |path: &str| downloads.fetch(path.rsplit('/').next().unwrap()).is_some();
+        let path = offer(&one);
+        assert!(!fetch("0") && fetch(&path) && !fetch(&path));
+        // The oldest one makes room, and none of another conversation.
+        let (kept, paths) = (offer(&other), [offer(&one), offer(&one), offer(&one)]);
+        assert_eq!(paths.each_ref().map(|path| fetch(path)), [false, true, true]);
+        // With the conversation its files are closed.
+        let left = offer(&one);
+        drop(one);
+        assert!(!fetch(&left) && fetch(&kept));
+        downloads.close_late();
     }
 
     #[test]

@@ -15,12 +15,17 @@ use gateway_protocol::{Accepted, Reply};
 use messages::Request as Asked;
 use std::net::IpAddr;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::io::AsyncReadExt;
+use tokio::sync::mpsc;
+use tokio::time::timeout;
 
 /// Longest message of a browser, bytes: a mission of a thousand legs has 100 kB.
 const MESSAGE: usize = 256 << 10;
 /// Bytes of a file that are read at once.
 const PIECE: usize = 64 << 10;
+/// A download of which nothing is taken for this time is ended: its file may be of a run that was deleted.
+const TAKEN: Duration = Duration::from_secs(30);
 
 /// Nothing from elsewhere, no script in the page itself, no page around it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
@@ -185,12 +190,9 @@ async fn download(State(app): State<Arc<App>>, Path(ticket): Path<String>) -> Re
     let Some(Offered { file, name, bytes, shown, .. }) = app.downloads.fetch(&ticket) else {
         return (StatusCode::NOT_FOUND, "this download has ended; ask for it again on the page\n").into_response();
     };
-    let pieces = futures_util::stream::try_unfold(tokio::fs::File::from_std(file), async |mut file| {
-        let mut piece = vec![0; PIECE];
-        let length = file.read(&mut piece).await?;
-        piece.truncate(length);
-        Ok::<_, std::io::Error>((length > 0).then(|| (Bytes::from(piece), file)))
-    });
+    let (pieces, fed) = mpsc::channel(1);
+    tokio::spawn(feed(tokio::fs::File::from_std(file), pieces, TAKEN));
+    let pieces = futures_util::stream::unfold(fed, async |mut fed| Some((fed.recv().await?, fed)));
     let plain: String =
         name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect();
     let kind = shown_kind(&plain).filter(|_| shown);
@@ -204,6 +206,25 @@ async fn download(State(app): State<Arc<App>>, Path(ticket): Path<String>) -> Re
     (headers, Body::from_stream(pieces)).into_response()
 }
 
+/// Reads a file for a browser, and closes it when the browser takes nothing for that time.
+async fn feed(mut file: tokio::fs::File, pieces: mpsc::Sender<std::io::Result<Bytes>>, limit: Duration) {
+    loop {
+        let mut piece = vec![0; PIECE];
+        let read = file.read(&mut piece).await;
+        let (piece, is_last) = match read {
+            Ok(0) => return,
+            Ok(length) => {
+                piece.truncate(length);
+                (Ok(Bytes::from(piece)), false)
+            }
+            Err(error) => (Err(error), true),
+        };
+        if !matches!(timeout(limit, pieces.send(piece)).await, Ok(Ok(()))) || is_last {
+            return;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -212,6 +233,28 @@ mod tests {
     fn a_file_of_a_run_has_no_policy_for_openers() {
         assert!(headers("/").chain(headers("/page.js")).filter(|row| *row == OPENER).count() == 2);
         assert!(!headers("/download/0123").any(|row| row == OPENER) && headers("/download/0123").eq(HEADERS));
+    }
+
+    #[test]
+    fn a_file_of_which_nothing_is_taken_is_closed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap");
+        std::fs::write(&path, vec![7; 5 * PIECE]).unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let open = || tokio::fs::File::from_std(std::fs::File::open(&path).unwrap());
+            let (pieces, mut fed) = mpsc::channel(1);
+            feed(open(), pieces, Duration::from_millis(50)).await;
+            // One was taken up, and no more follow.
+            assert!(fed.recv().await.is_some() && fed.recv().await.is_none());
+            let (pieces, mut fed) = mpsc::channel(1);
+            tokio::spawn(feed(open(), pieces, Duration::from_secs(60)));
+            let mut bytes = 0;
+            while let Some(piece) = fed.recv().await {
+                bytes += piece.unwrap().len();
+            }
+            assert_eq!(bytes, 5 * PIECE);
+        });
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The conversation with a browser: its messages to the gateway, and the robot's state to the browser.
 
-use crate::app::App;
+use crate::app::{App, Offers};
 use crate::control::{Begins, Control, Presses, Sign};
 use crate::fields::Fields;
 use crate::link::{self, Browser, Incoming, NoLink, Outgoing, Welcome};
@@ -101,7 +101,8 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAd
     let evaluations = Arc::new(Semaphore::new(EVALUATIONS));
     let mut inbound =
         Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared, flies, presses, evaluations };
-    let outbound = outbound(&app, sink, incoming, answers, &shared);
+    let offers = app.downloads.begin();
+    let outbound = outbound(&app, sink, incoming, answers, &shared, &offers);
     tokio::select! {
         () = inbound.run() => {}
         () = outbound => {}
@@ -197,6 +198,7 @@ async fn outbound(
     mut incoming: Incoming,
     mut answers: mpsc::Receiver<Value>,
     shared: &Both,
+    offers: &Offers<'_>,
 ) {
     let [mut link, mut scene, mut slow, mut plan, mut state] = app.topics.newest.each_ref().map(|one| one.subscribe());
     for topic in [&mut link, &mut scene, &mut slow, &mut plan, &mut state] {
@@ -216,7 +218,7 @@ async fn outbound(
         let text = tokio::select! {
             biased;
             next = incoming.next() => match next {
-                Ok((reply, _)) => Utf8Bytes::from(replied(app, reply, &mut incoming, shared).to_string()),
+                Ok((reply, _)) => Utf8Bytes::from(replied(offers, reply, &mut incoming, shared).to_string()),
                 Err(_) => break,
             },
             Some(answer) = answers.recv() => Utf8Bytes::from(answer.to_string()),
@@ -231,6 +233,7 @@ async fn outbound(
             Ok(()) = plan.changed() => plan.borrow_and_update().clone(),
             Ok(()) = state.changed() => state.borrow_and_update().clone(),
             _ = ping.tick() => {
+                app.downloads.close_late();
                 if put(&mut sink, Message::Ping(Default::default())).await.is_err() { break }
                 continue;
             }
@@ -244,7 +247,7 @@ async fn outbound(
 }
 
 /// The gateway's reply for the browser; of an opened file the path of its download.
-fn replied(app: &App, reply: Reply, incoming: &mut Incoming, shared: &Both) -> Value {
+fn replied(offers: &Offers<'_>, reply: Reply, incoming: &mut Incoming, shared: &Both) -> Value {
     let name = {
         let shared = &mut locked(shared);
         shared.asked.remove(&reply.id());
@@ -253,9 +256,9 @@ fn replied(app: &App, reply: Reply, incoming: &mut Incoming, shared: &Both) -> V
     match &reply {
         Reply::Opened { id, bytes } => match (incoming.descriptor(), name) {
             (Some(file), Some((name, shown))) => {
-                let path = app.downloads.offer(File::from(file), name, *bytes, shown);
+                let path = offers.offer(File::from(file), name, *bytes, shown);
                 path.map_or_else(
-                    || refusal(*id, "too many downloads wait to be fetched; try again in a minute"),
+                    || refusal(*id, "the kernel gives no random numbers now; try again"),
                     |path| json!({ "reply": "download", "id": id, "path": path, "bytes": bytes }),
                 )
             }
