@@ -23,6 +23,9 @@ export class Missions {
     private readonly text = h("textarea", { spellcheck: false, "aria-label": t("the mission as text"), input: () => this.preview() });
     private readonly raster = RASTER.map((name) => h("input", { inputmode: "decimal", "aria-label": name }));
     private readonly height = h("input", { inputmode: "decimal", value: "0.8", "aria-label": t("height of tapped points, m") });
+    /** The form of a raster and the height of tapped points, which planar robots do not have. */
+    private readonly area = h("div", { class: "table" });
+    private readonly level = h("label", {}, t("height, m"), this.height);
     private tapped: Point[] = [];
     private readonly map: FlatMap;
     private readonly answer = h("p", { class: "answer", role: "status", hidden: true });
@@ -35,16 +38,17 @@ export class Missions {
 
     constructor(private readonly store: Store, private readonly conversation: Conversation, private readonly drawn: Drawn) {
         const button = (name: string, act: () => void, main = false) => h("button", { class: main ? "button main" : "button", type: "button", click: act }, name);
-        this.map = new FlatMap(store, drawn, (at) => this.add(at[0], at[1]));
+        this.map = new FlatMap(store, drawn, (at) => this.add(at));
+        this.area.append(h("h2", {}, t("A raster over a rectangle")), h("div", { class: "fields" }, ...this.raster.map((field, i) => h("label", {}, RASTER[i]!, field))),
+            h("div", { class: "row" }, button(t("Around the node"), () => this.suggest()), button(t("Write it"), () => this.write(), true)));
         this.flights = [button(t("Fly it"), () => void this.fly(false), true), button(t("Fly the rest"), () => void this.fly(true))];
         this.element = h("div", { class: "view" },
             h("section", { class: "card" }, this.answer, this.now, this.reason, this.acts),
             h("div", { class: "columns table" },
-                h("section", { class: "card" }, h("h2", {}, t("A raster over a rectangle")), h("div", { class: "fields" }, ...this.raster.map((field, i) => h("label", {}, RASTER[i]!, field))),
-                    h("div", { class: "row" }, button(t("Around the node"), () => this.suggest()), button(t("Write it"), () => this.write(), true)),
+                h("section", { class: "card" }, this.area,
                     h("h2", {}, t("Or straight lines: tap one point after the other")),
                     h("div", { class: "stage" }, this.map.canvas),
-                    h("div", { class: "row" }, h("label", {}, t("height, m"), this.height), button(t("Take the last one back"), () => this.undo()))),
+                    h("div", { class: "row" }, this.level, button(t("Take the last one back"), () => this.undo()))),
                 h("section", { class: "card" }, h("label", {}, t("name"), this.name), h("label", {}, t("the mission as text: name, speed_m_s, and one [[leg]] after the other"), this.text),
                     this.finding, h("div", { class: "row" }, ...this.flights, button(t("Keep"), () => this.keep())),
                     h("h2", {}, t("Kept in this browser")), this.list)));
@@ -52,9 +56,10 @@ export class Missions {
         this.preview();
     }
 
-    private add(x: number | undefined, y: number | undefined): void {
-        const z = Number(this.height.value.replace(",", "."));
-        if (x === undefined || y === undefined || !Number.isFinite(z)) return;
+    /** Adds a tapped point: at the height that is entered, or of a planar robot where it was tapped in the view from the side. */
+    private add(at: Partial<Record<0 | 1 | 2, number>>): void {
+        const height = Number(this.height.value.replace(",", ".")), [x, y, z] = this.store.scene?.planar ? [at[0], 0, at[2]] : [at[0], at[1], height];
+        if (x === undefined || y === undefined || z === undefined || !Number.isFinite(z)) return;
         this.tapped.push([x, y, z].map((value) => Math.round(value * 100) / 100) as Point);
         this.lines();
     }
@@ -89,14 +94,16 @@ export class Missions {
     /** Draws the tracks of a raster that was written here, and the points of any other mission. */
     private preview(): void {
         const at = nodeOf(this.store.state), text = this.text.value.replace(/#.*$/gm, "");
-        const points = [...text.matchAll(/\[\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*\]/g)].map((found) => [1, 2, 3].map((i) => Number(found[i])) as Point);
+        // Relative points begin where the mission does: where the node is now.
+        const isRelative = /^\s*relative\s*=\s*true\b/m.test(text), from_m = isRelative ? at : [0, 0, 0] as Point;
+        const points = from_m === null ? [] : [...text.matchAll(/\[\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*\]/g)].map((found) => [1, 2, 3].map((i) => Number(found[i]) + from_m[i - 1]!) as Point);
         const pitch = Number(/pitch_m\s*=\s*([\d.]+)/.exec(text)?.[1]);
         const [from, to] = points;
         const drawn = /raster/.test(text) && points.length === 2 && from && to && pitch > 0 && from[2] === to[2] ? tracks(from, to, pitch) : points;
         this.drawn.preview = drawn.length && at ? [at, ...drawn] : drawn;
         clearTimeout(this.checking);
         this.finding.className = "soft";
-        write(this.finding, drawn.length ? t("checking …") : t("The points of a mission are drawn and checked here; the planner checks all of it before it flies."));
+        write(this.finding, drawn.length ? t("checking …") : from_m === null ? t("the position of the node is not known: zero it in the view Fly first") : t("The points of a mission are drawn and checked here; the planner checks all of it before it flies."));
         if (drawn.length) this.checking = window.setTimeout(() => void this.check(drawn), SETTLED_MS);
     }
 
@@ -148,6 +155,8 @@ export class Missions {
         const act = (name: string, request: Request) => h("button", { class: "button", type: "button", click: async () => this.said(await this.conversation.ask(request)) }, name);
         const flies = this.store.flies;
         for (const flight of this.flights) flight.disabled = !flies || this.text.value.trim() === "";
+        this.area.hidden = this.level.hidden = this.store.scene?.planar === true;
+        this.map.side = this.store.scene?.planar ? "side" : "top";
         this.map.draw();
         renew(this.acts, `${active} ${flies}`, () => (active ? [act("Pause", { verb: "pause" }), ...(flies ? [act("Resume", { verb: "resume" }), ...[25, 50, 100].map((percent) => act(`${percent} %`, { verb: "speed", rate: percent / 100 }))] : [])] : []));
     }
