@@ -359,7 +359,7 @@ impl Core {
         }
         // Everyone who opens a page may mark the run, but not fill it, nor the queue of the supervisor.
         if matches!(request, Request::Mark { .. }) && holder.role <= Role::Stop && !self.marks.spend(self.now_ns) {
-            return self.refuse(client, id, Reason::GatewayBusy { most: MARKS as usize });
+            return self.refuse(client, id, Reason::AskedTooOften { per_s: MARKS_PER_S });
         }
         if needs >= Role::Fly
             && holder.origin == Origin::Page

@@ -43,7 +43,7 @@ impl Core {
             return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
         }
         if matches!(what, Question::Open(..)) && !connection.opens.spend(now_ns) {
-            return self.refuse(client, id, Reason::GatewayBusy { most: OPENS_PER_S as usize });
+            return self.refuse(client, id, Reason::AskedTooOften { per_s: OPENS_PER_S });
         }
         connection.unanswered += 1;
         let ticket = self.ticket(client, id);

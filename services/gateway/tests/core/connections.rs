@@ -66,7 +66,7 @@ fn a_client_opens_ten_files_at_once_and_makes_one_list() {
             opened += 1;
             core.step(0, Event::Answered { ticket, reply: Done::Answer(Box::default()) });
         } else {
-            assert_eq!(reason(&actions), 453);
+            assert_eq!(reason(&actions), 488);
         }
     }
     assert_eq!(opened, 10);

@@ -181,7 +181,7 @@ fn marks_keep_within_the_limits_of_calls_and_those_of_strangers_are_few() {
             for _ in 0..20 {
                 match &mark(&mut core, client, now_ns)[..] {
                     [Action::Ask { ticket, .. }] => tickets.push(*ticket),
-                    refused => assert_eq!(reason(refused), 453),
+                    refused => assert_eq!(reason(refused), 488),
                 }
             }
         }

@@ -316,13 +316,13 @@ impl Gateway {
     /// # Errors
     /// There is no such file.
     pub fn open(&self, run: &str, file: &str) -> Answer<File> {
-        let busy = robot_state::Reason::GatewayBusy { most: 0 }.answer().reason;
+        let busy = [robot_state::Reason::GatewayBusy { most: 0 }, robot_state::Reason::AskedTooOften { per_s: 0.0 }];
         let give_up = clock::now_ns() + OPEN_NS;
         let reply = loop {
             let call = Call::Open { id: self.0.next_id(), run: run.to_owned(), file: file.to_owned() };
             let reply = self.0.exchange(&call, &[])?.0;
             // The gateway opens a bounded number of files per second, and a run may have more.
-            let is_busy = reply.request_answer().is_some_and(|answer| answer.reason == busy);
+            let is_busy = reply.request_answer().is_some_and(|answer| busy.iter().any(|reason| reason.code() == answer.reason));
             if !is_busy || clock::now_ns() >= give_up {
                 break reply;
             }

@@ -391,6 +391,7 @@ answers! {
     485 RobotFileInUse { file: Detail } REFUSED, "{file} is not changed while the robot is armed; disarm the robot, then try again";
     486 RobotFileRefused { why: Detail } BAD_INPUT, "the robot file is not stored: {why}";
     487 HeldUnseen { age_s: f64 } REFUSED, "the data on the screen was {age_s:.1} s old, so this motion was not begun; press again when it is newer";
+    488 AskedTooOften { per_s: f64 } REFUSED, "this is asked for too often; accepted: {per_s} per second";
 
     // ends of missions; their verdict has no meaning. A plan of an adaptive leg that breaks a limit ends its mission
     // with the reason of that limit.
