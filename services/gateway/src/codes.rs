@@ -75,9 +75,9 @@ impl Codes {
         Ok(format!("{}-{}", &code[..LENGTH / 2], &code[LENGTH / 2..]))
     }
 
-    /// Uses a code that was entered at an address: it is not valid any more. Returns its holder and role.
+    /// Returns the holder and the role of a code that was entered at an address. It is valid until it is used.
     #[allow(clippy::result_large_err)] // it is the answer
-    pub(crate) fn take(&mut self, now_ns: u64, from: Option<IpAddr>, given: &str) -> Result<(String, String), Reason> {
+    pub(crate) fn holder(&mut self, now_ns: u64, from: Option<IpAddr>, given: &str) -> Result<(String, String), Reason> {
         let from = from.map(|address| address.to_canonical());
         self.failures.retain(|one| one.until_ns > now_ns);
         if let Some(locked) = self.failures.iter().find(|one| one.from == from && one.count >= FAILURES) {
@@ -88,16 +88,20 @@ impl Codes {
         }
         let hash = hash(&normal(given));
         self.open.retain(|code| code.until_ns > now_ns);
-        if let Some(at) = self.open.iter().position(|code| code.sha256 == hash) {
+        if let Some(code) = self.open.iter().find(|code| code.sha256 == hash) {
             self.failures.retain(|one| one.from != from);
-            let Code { name, role, .. } = self.open.swap_remove(at);
-            return Ok((name, role));
+            return Ok((code.name.clone(), code.role.clone()));
         }
         let count = self.failed(from, now_ns.saturating_add(LOCKED_NS));
         Err(match FAILURES.checked_sub(count) {
             None | Some(0) => Reason::PairingLocked { for_s: seconds(LOCKED_NS) },
             Some(left) => Reason::CodeInvalid { left },
         })
+    }
+
+    /// The code of a holder is used: the token is stored.
+    pub(crate) fn used(&mut self, name: &str) {
+        self.open.retain(|code| code.name != name);
     }
 
     /// Counts a wrong code of an address; returns how many there are.
@@ -143,6 +147,14 @@ mod tests {
     use super::*;
 
     const RANDOM: [u8; LENGTH] = [0, 1, 34, 200, 7, 31, 16, 255];
+
+    impl Codes {
+        /// Uses a code.
+        #[allow(clippy::result_large_err)] // it is the answer
+        fn take(&mut self, now_ns: u64, from: Option<IpAddr>, given: &str) -> Result<(String, String), Reason> {
+            self.holder(now_ns, from, given).inspect(|(name, _)| self.used(name))
+        }
+    }
 
     #[test]
     fn a_code_is_valid_once_for_ten_minutes_and_as_it_is_read_aloud() {

@@ -214,6 +214,8 @@ pub struct TokenChange {
     pub(crate) tokens: Tokens,
     pub(crate) reply: Reply,
     pub(crate) revoked: Option<String>,
+    /// The holder whose code is used with it.
+    pub(crate) paired: Option<String>,
 }
 
 impl TokenChange {

@@ -52,7 +52,7 @@ pub struct Server {
     core: Core,
     robot: Robot,
     disk: Disk,
-    /// Missions have a disk of their own, so that no list delays a motion.
+    /// Missions and tokens have a disk of their own, so that no list delays a motion or a pairing.
     inbox: Disk,
     /// What the service manager is asked for: it can take seconds.
     units: Disk,
@@ -399,7 +399,7 @@ impl Server {
 
     fn begin(&mut self, ticket: Ticket, job: Job) {
         let disk = match job {
-            Job::Mission(..) => &mut self.inbox,
+            Job::Mission(..) | Job::Tokens(..) => &mut self.inbox,
             Job::Plugin { .. } => &mut self.units,
             Job::Make(..) | Job::Remove(..) | Job::Sweep | Job::Doctor(..) | Job::RobotFile { .. } => &mut self.makers,
             _ => &mut self.disk,

@@ -35,14 +35,22 @@ impl Core {
             Call::TokenRevoke { name, .. } => tokens.revoke(&name).map(|()| (Reply::Done { id }, Some(name))),
             _ => return self.send(client, Reply::Tokens { id, tokens: self.tokens.rows() }),
         };
-        self.store(client, id, tokens, changed);
+        self.store(client, id, tokens, changed, None);
     }
 
-    fn store(&mut self, client: ClientId, id: u64, tokens: Tokens, changed: Result<(Reply, Option<String>), String>) {
+    /// Begins to store changed tokens. `paired`: the holder whose code is used with it.
+    fn store(
+        &mut self,
+        client: ClientId,
+        id: u64,
+        tokens: Tokens,
+        changed: Result<(Reply, Option<String>), String>,
+        paired: Option<String>,
+    ) {
         match changed {
             Ok((reply, revoked)) => {
                 self.changing = true;
-                let change = TokenChange { client, id, tokens, reply, revoked };
+                let change = TokenChange { client, id, tokens, reply, revoked, paired };
                 self.actions.push(Action::StoreTokens(Box::new(change)));
             }
             Err(why) => self.refuse(client, id, Reason::NotAsked { why: detail(why) }),
@@ -60,23 +68,24 @@ impl Core {
         if self.changing {
             return self.refuse(client, id, Reason::GatewayBusy { most: 1 });
         }
-        match self.codes.take(self.now_ns, holder.from, code) {
+        match self.codes.holder(self.now_ns, holder.from, code) {
             Ok((name, role)) => {
                 let mut tokens = self.tokens.clone();
                 let added = tokens.add(&name, &role).map(|secret| (Reply::Token { id, secret }, None));
-                self.store(client, id, tokens, added);
+                self.store(client, id, tokens, added, Some(name));
             }
             Err(reason) => self.refuse(client, id, reason),
         }
     }
 
     pub(super) fn stored(&mut self, change: TokenChange, stored: Result<(), String>) {
-        let TokenChange { client, id, tokens, reply, revoked } = change;
+        let TokenChange { client, id, tokens, reply, revoked, paired } = change;
         self.changing = false;
         if let Err(why) = stored {
             return self.refuse(client, id, Reason::DiskRefused { why: detail(why) });
         }
         self.tokens = tokens;
+        paired.into_iter().for_each(|name| self.codes.used(&name));
         if let Some(name) = revoked {
             self.close_holders(&name);
         }

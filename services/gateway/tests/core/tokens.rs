@@ -50,3 +50,17 @@ fn a_token_gives_its_role_until_it_is_revoked() {
     assert!(core.step(0, Event::Received { client: 3, bytes: &ask(1, Request::Stop) }).is_empty());
     assert_eq!(reason(&with(&mut core, 4, secret)), 459);
 }
+
+#[test]
+fn a_code_is_used_when_its_token_is_stored_and_not_before() {
+    let mut core = core();
+    connected(&mut core, 1, "nims");
+    let add = Call::CodeAdd { id: 1, name: "ada".to_owned(), role: "fly".to_owned() };
+    let made = core.step(0, Event::Received { client: 1, bytes: &framed(&add, &[]) });
+    let [Action::Send { reply: Reply::Code { code, .. }, .. }] = &made[..] else { panic!("{made:?}") };
+    let give = Call::CodeUse { id: 2, code: code.clone() };
+    assert_eq!(reason(&changed(&mut core, &give, Err("the disk is full".to_owned()))), 463);
+    let paired = changed(&mut core, &give, Ok(()));
+    assert!(matches!(&paired[..], [Action::Send { reply: Reply::Token { .. }, .. }]), "{paired:?}");
+    assert_eq!(reason(&core.step(0, Event::Received { client: 1, bytes: &framed(&give, &[]) })), 481);
+}
