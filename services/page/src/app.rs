@@ -1,6 +1,7 @@
 //! What all requests share, and the files that are offered for download.
 
 use crate::assets::Assets;
+use crate::here::Here;
 use crate::observer::Topics;
 use crate::places::Conversations;
 use crate::settings::PlaceArgs;
@@ -30,6 +31,8 @@ pub(crate) struct App {
     pub(crate) names: Vec<String>,
     pub(crate) conversations: Arc<Conversations>,
     pub(crate) stops: Places,
+    /// For the browser that `start` opens.
+    pub(crate) here: Arc<Here>,
     /// One calibration is computed at a time.
     pub(crate) calibrations: Arc<Semaphore>,
 }

@@ -2,6 +2,7 @@
 
 use crate::app::{App, Offered};
 use crate::link::Browser;
+use crate::here::{self, Ends};
 use crate::{plain, session, stops};
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -57,6 +58,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/plain/{verb}", post(plain_stop))
         .route("/ws", any(upgrade))
         .route("/download/{ticket}", get(download))
+        .route(here::PATH, get(opened_here))
         .route("/{file}", get(asset))
         .layer(DefaultBodyLimit::max(1024))
         .layer(from_fn_with_state(Arc::clone(&app), guard))
@@ -122,6 +124,14 @@ async fn front(State(app): State<Arc<App>>) -> Response {
     match app.assets.get("index.html") {
         Some(found) => found,
         None => Redirect::to("/plain").into_response(),
+    }
+}
+
+/// The browser that `start` opens: it is paired if it is of this user.
+async fn opened_here(State(app): State<Arc<App>>, ends: Option<Extension<Ends>>) -> Redirect {
+    match ends.and_then(|Extension(ends)| app.here.take(ends)) {
+        Some(code) => Redirect::to(&format!("/#code={code}")),
+        None => Redirect::to("/"),
     }
 }
 

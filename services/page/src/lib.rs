@@ -22,6 +22,7 @@ mod drives;
 mod fields;
 mod freshness;
 mod gather;
+mod here;
 mod history;
 mod http;
 mod link;

@@ -1,6 +1,7 @@
 //! Accepts connections, a bounded number of each address, and speaks HTTP/1 on them, within TLS or without.
 
 use crate::crowd::{Crowd, Most, network};
+use crate::here::Ends;
 use crate::http::{Peer, host_of, is_this_machine};
 use crate::places::Known;
 use axum::body::Body;
@@ -108,6 +109,7 @@ pub(crate) async fn listen(
         let Some(place) = open.take(address.ip().to_canonical()) else { continue };
         let (place, tls, names) = (Arc::new(place), tls.clone(), Arc::clone(&names));
         let peer = Extension(Peer(address.ip().to_canonical()));
+        let ends = stream.local_addr().map(|page| Ends { browser: address, page });
         let its = Arc::clone(&place);
         let answer = move |request: Request, next: Next| {
             let its = Arc::clone(&its);
@@ -116,7 +118,10 @@ pub(crate) async fn listen(
                 next.run(request).await
             }
         };
-        let router = router.clone().layer(peer).layer(from_fn(answer));
+        let mut router = router.clone().layer(peer).layer(from_fn(answer));
+        if let Ok(ends) = ends {
+            router = router.layer(Extension(ends));
+        }
         tokio::spawn(async move {
             tokio::select! {
                 () = connection(stream, tls, router, names) => {}

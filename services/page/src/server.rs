@@ -4,6 +4,7 @@ use crate::app::{App, Downloads, Places};
 use crate::assets::{Assets, folder};
 use crate::certificate::certificate;
 use crate::gather::gather;
+use crate::here::Here;
 use crate::http::router;
 use crate::listener::listen;
 use crate::observer::{Topics, observe};
@@ -23,7 +24,7 @@ use tokio::sync::Semaphore;
 /// # Errors
 /// The address is in use or not of this machine, or the certificate cannot be made.
 pub fn serve(args: &ServeArgs, place: &PlaceArgs) -> Answer {
-    serve_with(args, place, &command::stop_flag()?, |_| {})
+    serve_with(args, place, &command::stop_flag()?, |_, _| {})
 }
 
 /// Serves the page; `listens` is told where, before the first browser. `stop`: a signal has come since the program
@@ -35,7 +36,7 @@ pub(crate) fn serve_with(
     args: &ServeArgs,
     place: &PlaceArgs,
     stop: &StopFlag,
-    listens: impl FnOnce(Listening),
+    listens: impl FnOnce(Listening, &Here),
 ) -> Answer {
     bus::make_private();
     // The page must not delay the robot's processes.
@@ -44,7 +45,7 @@ pub(crate) fn serve_with(
     runtime.block_on(run(args, place, stop, listens))
 }
 
-async fn run(args: &ServeArgs, place: &PlaceArgs, stop: &StopFlag, listens: impl FnOnce(Listening)) -> Answer {
+async fn run(args: &ServeArgs, place: &PlaceArgs, stop: &StopFlag, listens: impl FnOnce(Listening, &Here)) -> Answer {
     let awaited = |kind| signal(kind).map_err(Failure::not_now);
     let mut interrupted = awaited(SignalKind::interrupt())?;
     let mut terminated = awaited(SignalKind::terminate())?;
@@ -85,7 +86,8 @@ async fn run(args: &ServeArgs, place: &PlaceArgs, stop: &StopFlag, listens: impl
     if !assets.are_there() {
         eprintln!("nims-page: only the plain page is there; scripts/page builds the whole one");
     }
-    listens(listening);
+    let here = Arc::new(Here::default());
+    listens(listening, &here);
     let topics = Arc::new(Topics::default());
     let conversations = Arc::new(Conversations::default());
     let known = Arc::clone(&conversations.known);
@@ -97,6 +99,7 @@ async fn run(args: &ServeArgs, place: &PlaceArgs, stop: &StopFlag, listens: impl
         names: names.clone(),
         conversations,
         stops: Places::default(),
+        here,
         calibrations: Arc::new(Semaphore::new(1)),
     };
     tokio::select! {

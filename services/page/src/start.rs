@@ -1,5 +1,6 @@
 //! The page of a robot of this user in one command: a gateway of its own, the page, a paired browser.
 
+use crate::here::{Here, PATH};
 use crate::pair::{Listening, address, pairing};
 use crate::server::serve_with;
 use crate::settings::{PlaceArgs, StartArgs};
@@ -97,15 +98,15 @@ pub fn start(args: &StartArgs, place: &PlaceArgs, json: bool) -> Answer {
             let _ = kill_process(pid, Signal::TERM);
         });
     }
-    serve_with(&args.serve, &place, &stop, |listening| {
-        if let Err(failure) = introduce(&listening, &place, !args.no_browser, json) {
+    serve_with(&args.serve, &place, &stop, |listening, here| {
+        if let Err(failure) = introduce(&listening, &place, here, !args.no_browser, json) {
             eprintln!("nims-page: {failure}");
         }
     })
 }
 
 /// Prints how a browser is paired, and opens one where there is a desktop.
-fn introduce(listening: &Listening, place: &PlaceArgs, opens: bool, json: bool) -> Answer {
+fn introduce(listening: &Listening, place: &PlaceArgs, here: &Here, opens: bool, json: bool) -> Answer {
     let gateway = client::gateway(place.place())?;
     let url = listening.urls().into_iter().next().ok_or_else(|| {
         Failure::NotNow("this machine has no address at which a browser reaches the page; give --address".to_owned())
@@ -118,9 +119,10 @@ fn introduce(listening: &Listening, place: &PlaceArgs, opens: bool, json: bool) 
     let desktop =
         ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()));
     if opens && desktop {
-        let (address, ..) = address(&url, place, HERE, "fly")?;
+        let (_, code, _) = address(&url, place, HERE, "fly")?;
+        here.put(code);
         let mut command = Command::new("xdg-open");
-        command.arg(address).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        command.arg(format!("{}{PATH}", url.trim_end_matches('/'))).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         if let Err(error) = command.spawn() {
             eprintln!("nims-page: no browser could be opened ({error}); open the address above");
         }
