@@ -17,7 +17,7 @@ export class Stop {
     private readonly word = h("span", { class: "stop-word" }, "STOP");
     private readonly hint = h("span", { class: "stop-hint" }, t("hold 1 s: emergency stop"));
     /** The answer to the last press, in every view. */
-    readonly said = h("p", { class: "stop-said", role: "alert", hidden: true, click: () => { this.said.hidden = true; } });
+    readonly said: HTMLElement = h("p", { class: "stop-said", role: "alert", hidden: true, click: () => { this.said.hidden = true; } });
     private presses = 0;
     private answered = 0;
     private hides = 0;
