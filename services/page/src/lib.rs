@@ -19,6 +19,7 @@ mod certificate;
 mod control;
 mod crowd;
 mod drives;
+mod evaluations;
 mod fields;
 mod freshness;
 mod gather;

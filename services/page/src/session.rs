@@ -2,13 +2,12 @@
 
 use crate::app::{App, Offers};
 use crate::control::{Begins, Control, Presses, Sign};
+use crate::evaluations::Evaluations;
 use crate::fields::Fields;
 use crate::link::{self, Browser, Incoming, NoLink, Outgoing, Welcome};
 use crate::places::{BROWSERS, OF_AN_ADDRESS, UNPAIRED, Visit};
 use crate::protocol::{FromBrowser, ask, refusal};
-use crate::setup::{self, Given};
 use crate::stops::Stops;
-use crate::weigh;
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket};
 use bus::clock::now_ns;
 use command::Failure;
@@ -23,7 +22,7 @@ use std::fs::File;
 use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, broadcast, mpsc};
+use tokio::sync::{broadcast, mpsc};
 use tokio::time::{interval, timeout};
 
 /// Time in which a browser has to send `hello`.
@@ -37,10 +36,6 @@ const MESSAGES_PER_S: f64 = 100.0;
 const BURST: f64 = 200.0;
 /// Answers of the page itself that may wait for the browser.
 const WAITING: usize = 64;
-/// Answers of Set up of a browser that are evaluated or wait for it: one of each kind of measurements.
-const EVALUATIONS: usize = 2;
-/// Longest line that is typed as such an answer, bytes: the lengths of eight cables have 50.
-const LINE: usize = 1 << 10;
 /// Calls that may wait for the gateway to take them; a mission has up to 256 kB.
 const QUEUED: usize = 4;
 
@@ -98,9 +93,9 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAd
     let (shared, control, presses) = (Both::default(), Control::default(), Presses::default());
     let flies = ["fly", "owner"].contains(&welcome.role.as_str());
     let (calls, queue) = mpsc::channel(QUEUED);
-    let evaluations = Arc::new(Semaphore::new(EVALUATIONS));
+    let evaluations = Evaluations::new(Arc::clone(&app), local.clone(), flies);
     let mut inbound =
-        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared, flies, presses, evaluations };
+        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared, presses, evaluations };
     let offers = app.downloads.begin();
     let outbound = outbound(&app, sink, incoming, answers, &shared, &offers);
     tokio::select! {
@@ -281,11 +276,8 @@ struct Inbound<'a> {
     local: mpsc::Sender<Value>,
     stops: Stops,
     shared: &'a Both,
-    /// The role permits to fly.
-    flies: bool,
     presses: Presses,
-    /// Turns of its answers of Set up.
-    evaluations: Arc<Semaphore>,
+    evaluations: Evaluations,
 }
 
 impl Inbound<'_> {
@@ -382,8 +374,12 @@ impl Inbound<'_> {
                 };
                 self.answer(json!({ "reply": "check", "id": id, "possible": possible, "sentence": sentence }));
             }
-            FromBrowser::Setup { id, name, measurements, line } => self.set_up(id, name, measurements, line),
-            FromBrowser::Weigh { id, measurements, line, after_ms } => self.weigh(id, measurements, line, after_ms),
+            FromBrowser::Setup { id, name, measurements, line } => {
+                self.evaluations.set_up(id, name, measurements, line);
+            },
+            FromBrowser::Weigh { id, measurements, line, after_ms } => {
+                self.evaluations.weigh(id, measurements, line, after_ms);
+            },
             FromBrowser::Fields { id } => {
                 let channels = locked_fields(self.app).told();
                 self.answer(json!({ "reply": "fields", "id": id, "channels": channels }));
@@ -430,78 +426,6 @@ impl Inbound<'_> {
         }
     }
 
-    fn set_up(&self, id: u64, name: String, measurements: String, line: Option<String>) {
-        let Some(turn) = self.turn(id, &measurements, line.as_deref()) else { return };
-        let topics = &self.app.topics;
-        let given = Given {
-            name,
-            measurements,
-            line,
-            captured: topics.captured(),
-            robot_file: topics.scene().map(|scene| scene.robot_file.clone()),
-            date: runlog::utc(bus::clock::unix_ns()),
-        };
-        self.evaluate(turn, id, move || setup::step(&given));
-    }
-
-    fn weigh(&self, id: u64, measurements: String, line: Option<String>, after_ms: Option<f64>) {
-        let Some(turn) = self.turn(id, &measurements, line.as_deref()) else { return };
-        let topics = &self.app.topics;
-        let given = weigh::Given {
-            measurements,
-            line,
-            scene: topics.scene(),
-            place: topics.place(),
-            motion: after_ms.map(|after_ms| topics.moved(after_ms)),
-        };
-        self.evaluate(turn, id, move || weigh::step(&given));
-    }
-
-    /// The turn of an answer of Set up, which keeps it from being evaluated beside too many others of this browser.
-    fn turn(&self, id: u64, measurements: &str, line: Option<&str>) -> Option<OwnedSemaphorePermit> {
-        if !self.flies {
-            self.answer(not_for_this_role(id));
-            return None;
-        }
-        if measurements.len() > setup::MEASUREMENTS || line.is_some_and(|line| line.len() > LINE) {
-            self.answer(refusal(id, &format!("the measurements have more than {} kB; begin again", setup::MEASUREMENTS >> 10)));
-            return None;
-        }
-        let turn = Arc::clone(&self.evaluations).try_acquire_owned().ok();
-        if turn.is_none() {
-            self.answer(refusal(id, "answers of this browser are being evaluated; wait for their questions"));
-        }
-        turn
-    }
-
-    /// Evaluates an answer of Set up from a role that flies, on a thread of its own: a stop does not wait for it.
-    fn evaluate(
-        &self,
-        turn: OwnedSemaphorePermit,
-        id: u64,
-        step: impl FnOnce() -> Result<Value, String> + Send + 'static,
-    ) {
-        let (app, local) = (Arc::clone(self.app), self.local.clone());
-        tokio::spawn(async move {
-            let _own = turn;
-            // It is never closed. A browser that has gone waits no more.
-            let _turn = app.calibrations.acquire().await;
-            if local.is_closed() {
-                return;
-            }
-            let stepped = tokio::task::spawn_blocking(step).await;
-            let value = match stepped {
-                Ok(Ok(mut value)) => {
-                    (value["reply"], value["id"]) = (json!("setup"), json!(id));
-                    value
-                }
-                Ok(Err(why)) => refusal(id, &why),
-                Err(_) => refusal(id, "these measurements cannot be evaluated; take the last answer back with undo"),
-            };
-            let _ = local.try_send(value);
-        });
-    }
-
     fn call(&self, call: Call, body: Vec<u8>) {
         let id = call.id();
         let (asks, stops) = (matches!(call, Call::Ask { .. }), self.control.stops());
@@ -536,10 +460,6 @@ impl Inbound<'_> {
 
 fn locked_fields(app: &App) -> MutexGuard<'_, Fields> {
     crate::observer::locked(&app.topics.fields)
-}
-
-fn not_for_this_role(id: u64) -> Value {
-    refusal(id, "a site is calibrated by who may fly; pair this browser first")
 }
 
 /// A refusal of the page itself, with a reason of the catalogue.
