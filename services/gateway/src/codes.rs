@@ -77,7 +77,12 @@ impl Codes {
 
     /// Returns the holder and the role of a code that was entered at an address. It is valid until it is used.
     #[allow(clippy::result_large_err)] // it is the answer
-    pub(crate) fn holder(&mut self, now_ns: u64, from: Option<IpAddr>, given: &str) -> Result<(String, String), Reason> {
+    pub(crate) fn holder(
+        &mut self,
+        now_ns: u64,
+        from: Option<IpAddr>,
+        given: &str,
+    ) -> Result<(String, String), Reason> {
         let from = from.map(|address| address.to_canonical());
         self.failures.retain(|one| one.until_ns > now_ns);
         if let Some(locked) = self.failures.iter().find(|one| one.from == from && one.count >= FAILURES) {

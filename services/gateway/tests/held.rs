@@ -49,7 +49,8 @@ fn sent(core: &mut Core, client: ClientId, now_ns: u64, call: &Call) -> Vec<Acti
 
 /// Requests a motion of a client; `held`: one that goes on while it sends signs.
 fn asked(core: &mut Core, client: ClientId, request: Request, held: bool, now_ns: u64) -> Ticket {
-    let actions = sent(core, client, now_ns, &Call::Ask { id: 1, request, process: None, held, at_ns: None, pressed_ns: None });
+    let actions =
+        sent(core, client, now_ns, &Call::Ask { id: 1, request, process: None, held, at_ns: None, pressed_ns: None });
     let ask = actions.iter().find_map(|action| match action {
         Action::Ask { ticket, .. } => Some(*ticket),
         _ => None,
@@ -189,7 +190,8 @@ fn a_release_before_the_answer_stops_no_mission_that_is_flown() {
 #[test]
 fn what_is_old_begins_nothing_and_holds_nothing() {
     let mut core = core();
-    let held = |at_ns| Call::Ask { id: 1, request: go(), process: None, held: true, at_ns: Some(at_ns), pressed_ns: None };
+    let held =
+        |at_ns| Call::Ask { id: 1, request: go(), process: None, held: true, at_ns: Some(at_ns), pressed_ns: None };
     let refused = sent(&mut core, 1, ms(300), &held(ms(0)));
     match &refused[..] {
         [Action::Send { reply: Reply::Answer { accepted, reason, .. }, .. }] => {
@@ -222,7 +224,8 @@ fn what_motor_io_does_is_observed_while_a_client_that_held_is_there() {
             .iter()
             .any(|one| matches!(one, Action::Subscribe { client: NO_CLIENT, channel, .. } if channel == OBSERVED))
     };
-    let ask = |client| Call::Ask { id: client, request: jog(), process: None, held: true, at_ns: None, pressed_ns: None };
+    let ask =
+        |client| Call::Ask { id: client, request: jog(), process: None, held: true, at_ns: None, pressed_ns: None };
     assert!(subscribed(&sent(&mut core, 1, ms(0), &ask(1))));
     assert!(!subscribed(&sent(&mut core, 2, ms(0), &ask(2))));
     let ended =
@@ -317,7 +320,8 @@ fn an_end_that_did_not_reach_motor_io_leaves_the_deposit_to_fall_due() {
             answered(&mut core, ms(2001), begun, accepted());
             let lost = ticket(&sent(&mut core, 1, ms(2010), &Call::Release { id: 2 }));
             answered(&mut core, ms(2011), lost, reason.answer());
-            let ask = Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None, pressed_ns: None };
+            let ask =
+                Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None, pressed_ns: None };
             let refused = sent(&mut core, 2, ms(2020), &ask);
             assert_eq!(deposits(&refused), [Some((end, ms(2320)))]);
             let refused = answered(&mut core, ms(2021), ticket(&refused), Reason::RobotJogging.answer());
@@ -416,12 +420,22 @@ fn a_motion_that_is_asked_for_until_the_robot_rests_does_not_begin_after_the_sto
         })
     };
     // A stop of before the press has no effect on it.
-    sent(&mut core, 2, ms(50), &Call::Ask { id: 1, request: Request::Stop, process: None, held: false, at_ns: None, pressed_ns: None });
+    sent(
+        &mut core,
+        2,
+        ms(50),
+        &Call::Ask { id: 1, request: Request::Stop, process: None, held: false, at_ns: None, pressed_ns: None },
+    );
     for (request, held) in [(go(), true), (go(), false), (jog(), true)] {
         let ticket = attempt(&mut core, request, held, ms(120)).unwrap().unwrap();
         answered(&mut core, ms(121), ticket, Reason::RobotMoves.answer());
     }
-    sent(&mut core, 2, ms(200), &Call::Ask { id: 2, request: Request::Hold, process: None, held: false, at_ns: None, pressed_ns: None });
+    sent(
+        &mut core,
+        2,
+        ms(200),
+        &Call::Ask { id: 2, request: Request::Hold, process: None, held: false, at_ns: None, pressed_ns: None },
+    );
     for (request, held) in [(go(), true), (go(), false), (jog(), true), (Request::Resume, false)] {
         assert_eq!(attempt(&mut core, request, held, ms(260)), Some(Err(Reason::OvertakenByStop.code())));
     }

@@ -63,7 +63,10 @@ impl Evaluations {
             return None;
         }
         if measurements.len() > setup::MEASUREMENTS || line.is_some_and(|line| line.len() > LINE) {
-            self.answer(refusal(id, &format!("the measurements have more than {} kB; begin again", setup::MEASUREMENTS >> 10)));
+            self.answer(refusal(
+                id,
+                &format!("the measurements have more than {} kB; begin again", setup::MEASUREMENTS >> 10),
+            ));
             return None;
         }
         let turn = Arc::clone(&self.turns).try_acquire_owned().ok();

@@ -36,7 +36,10 @@ impl Here {
 fn user_of(ends: Ends) -> Option<u32> {
     let wanted = [ends.browser, ends.page].map(canonical);
     let tables = TABLES.iter().filter_map(|path| std::fs::read_to_string(path).ok());
-    tables.flat_map(|table| table.lines().filter_map(row).collect::<Vec<_>>()).find(|row| row.0 == wanted).map(|row| row.1)
+    tables
+        .flat_map(|table| table.lines().filter_map(row).collect::<Vec<_>>())
+        .find(|row| row.0 == wanted)
+        .map(|row| row.1)
 }
 
 /// The ends of a socket, its own first, and its user.

@@ -1,8 +1,8 @@
 //! The routes of the server, and what every request has to satisfy.
 
 use crate::app::{App, Offered};
-use crate::link::Browser;
 use crate::here::{self, Ends};
+use crate::link::Browser;
 use crate::{plain, session, stops};
 use axum::Router;
 use axum::body::{Body, Bytes};

@@ -356,10 +356,7 @@ fn flies(verb: u8) -> bool {
 
 /// Requests that stop the robot.
 fn stops(verb: u8) -> bool {
-    matches!(
-        verb,
-        RequestBody::VERB_HOLD | RequestBody::VERB_PAUSE | RequestBody::VERB_STOP | RequestBody::VERB_ESTOP
-    )
+    matches!(verb, RequestBody::VERB_HOLD | RequestBody::VERB_PAUSE | RequestBody::VERB_STOP | RequestBody::VERB_ESTOP)
 }
 
 fn well(state: u8) -> bool {

@@ -94,8 +94,17 @@ pub(crate) async fn converse(socket: WebSocket, app: Arc<App>, from: Option<IpAd
     let flies = ["fly", "owner"].contains(&welcome.role.as_str());
     let (calls, queue) = mpsc::channel(QUEUED);
     let evaluations = Evaluations::new(Arc::clone(&app), local.clone(), flies);
-    let mut inbound =
-        Inbound { app: &app, stream, calls, control: &control, local: local.clone(), stops, shared: &shared, presses, evaluations };
+    let mut inbound = Inbound {
+        app: &app,
+        stream,
+        calls,
+        control: &control,
+        local: local.clone(),
+        stops,
+        shared: &shared,
+        presses,
+        evaluations,
+    };
     let offers = app.downloads.begin();
     let outbound = outbound(&app, sink, incoming, answers, &shared, &offers);
     tokio::select! {
@@ -376,10 +385,10 @@ impl Inbound<'_> {
             }
             FromBrowser::Setup { id, name, measurements, line } => {
                 self.evaluations.set_up(id, name, measurements, line);
-            },
+            }
             FromBrowser::Weigh { id, measurements, line, after_ms } => {
                 self.evaluations.weigh(id, measurements, line, after_ms);
-            },
+            }
             FromBrowser::Fields { id } => {
                 let channels = locked_fields(self.app).told();
                 self.answer(json!({ "reply": "fields", "id": id, "channels": channels }));

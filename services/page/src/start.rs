@@ -122,7 +122,11 @@ fn introduce(listening: &Listening, place: &PlaceArgs, here: &Here, opens: bool,
         let (_, code, _) = address(&url, place, HERE, "fly")?;
         here.put(code);
         let mut command = Command::new("xdg-open");
-        command.arg(format!("{}{PATH}", url.trim_end_matches('/'))).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        command
+            .arg(format!("{}{PATH}", url.trim_end_matches('/')))
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
         if let Err(error) = command.spawn() {
             eprintln!("nims-page: no browser could be opened ({error}); open the address above");
         }

@@ -382,7 +382,8 @@ fn a_site_is_calibrated_by_the_questions_of_the_command_line() {
     }
     let own = |told: &Value| told["reply"].is_string() && told["id"].as_u64().is_some_and(|id| id >= 1_000);
     let told: Vec<Value> = ids.map(|_| flyer.until("an answer", own)).collect();
-    let refused = told.iter().filter(|told| told["sentence"].as_str().is_some_and(|why| why.contains("being evaluated")));
+    let refused =
+        told.iter().filter(|told| told["sentence"].as_str().is_some_and(|why| why.contains("being evaluated")));
     let (refused, all) = (refused.count(), told.len());
     assert!(refused > 0 && refused < all, "{refused} of {all}");
 }

@@ -87,7 +87,10 @@ fn a_slow_reader_loses_samples_and_is_told_how_many() {
     // More than the socket and the queue hold.
     std::thread::sleep(Duration::from_secs(5));
     // It still does not read, and stops the robot.
-    slow.send(&Call::Ask { id: 99, request: Request::Stop, process: None, held: false, at_ns: None, pressed_ns: None }, &[]);
+    slow.send(
+        &Call::Ask { id: 99, request: Request::Stop, process: None, held: false, at_ns: None, pressed_ns: None },
+        &[],
+    );
     robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     let (mut samples, mut told) = (0_u64, 0);
     while told == 0 {
@@ -157,10 +160,16 @@ fn a_motion_that_was_requested_before_a_stop_never_begins_after_it() {
         for stop in &stops {
             robot.signal("planner", Signal::STOP);
             let late = Request::Goto { to_m: crate::robot::GOAL, path: GotoPath::Line, speed_m_s: Some(0.1) };
-            client.send(&Call::Ask { id: 1, request: late, process: None, held: false, at_ns: None, pressed_ns: None }, &[]);
+            client.send(
+                &Call::Ask { id: 1, request: late, process: None, held: false, at_ns: None, pressed_ns: None },
+                &[],
+            );
             // Sent to the planner, which does not answer.
             std::thread::sleep(Duration::from_millis(200));
-            client.send(&Call::Ask { id: 2, request: stop.clone(), process: None, held: false, at_ns: None, pressed_ns: None }, &[]);
+            client.send(
+                &Call::Ask { id: 2, request: stop.clone(), process: None, held: false, at_ns: None, pressed_ns: None },
+                &[],
+            );
             let mut answers = Vec::new();
             while answers.len() < 2 {
                 let Some((Reply::Answer { id, reason, accepted, .. }, _)) = client.next() else { panic!() };
@@ -178,7 +187,12 @@ fn a_motion_that_was_requested_before_a_stop_never_begins_after_it() {
         }
         for round in 0..30_usize {
             let frame = |id, request| {
-                encode(&Call::Ask { id, request, process: None, held: false, at_ns: None, pressed_ns: None }.header().unwrap(), &[])
+                encode(
+                    &Call::Ask { id, request, process: None, held: false, at_ns: None, pressed_ns: None }
+                        .header()
+                        .unwrap(),
+                    &[],
+                )
             };
             let mut bytes = Vec::new();
             let motions = 1 + round % 4;

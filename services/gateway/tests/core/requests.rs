@@ -72,7 +72,14 @@ fn every_request_goes_to_the_process_that_carries_it_out() {
     let mut go = |call: &Call| core.step(99 * SECOND, Event::Received { client: 1, bytes: &framed(call, &[]) });
     assert!(matches!(&go(&fault("controller-b"))[..], [Action::Ask { process, .. }] if process == "controller-b"));
     assert_eq!(reason(&go(&fault("planner"))), 456);
-    let arm = Call::Ask { id: 9, request: Request::Arm, process: Some("planner".to_owned()), held: false, at_ns: None, pressed_ns: None };
+    let arm = Call::Ask {
+        id: 9,
+        request: Request::Arm,
+        process: Some("planner".to_owned()),
+        held: false,
+        at_ns: None,
+        pressed_ns: None,
+    };
     assert_eq!(reason(&go(&arm)), 456);
 }
 
@@ -129,13 +136,19 @@ fn a_held_motion_ends_with_its_signs_its_release_and_its_connection() {
     }
     let mut core = core();
     connected(&mut core, 1, "nims");
-    let arm = framed(&Call::Ask { id: 1, request: Request::Arm, process: None, held: true, at_ns: None, pressed_ns: None }, &[]);
+    let arm = framed(
+        &Call::Ask { id: 1, request: Request::Arm, process: None, held: true, at_ns: None, pressed_ns: None },
+        &[],
+    );
     assert_eq!(reason(&core.step(0, Event::Received { client: 1, bytes: &arm })), 456);
 }
 
 /// Requests a motion that is held, as client 1.
 fn held(core: &mut Core, request: &Request, now_ns: u64) -> Ticket {
-    let call = framed(&Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None, pressed_ns: None }, &[]);
+    let call = framed(
+        &Call::Ask { id: 1, request: request.clone(), process: None, held: true, at_ns: None, pressed_ns: None },
+        &[],
+    );
     let actions = core.step(now_ns, Event::Received { client: 1, bytes: &call });
     // What ends it is deposited before.
     let [Action::Deposit { .. }, Action::Ask { ticket, .. }, ..] = &actions[..] else { panic!("{actions:?}") };
@@ -149,7 +162,8 @@ fn a_mission_is_flown_only_with_its_text() {
     let hash = config::mission_hash("name = \"low\"");
     let run = |core: &mut Core, body: &[u8]| {
         let request = Request::Run { mission: "low".to_owned(), hash, continues: false };
-        let call = framed(&Call::Ask { id: 1, request, process: None, held: false, at_ns: None, pressed_ns: None }, body);
+        let call =
+            framed(&Call::Ask { id: 1, request, process: None, held: false, at_ns: None, pressed_ns: None }, body);
         core.step(0, Event::Received { client: 1, bytes: &call })
     };
     for body in [&b""[..], b"name = \"high\"", &[0xff, 0xfe]] {

@@ -230,7 +230,14 @@ impl Gateway {
         let mut asked = sample(request)?;
         // Only a fault names its process: the gateway knows the others.
         let process = matches!(request, Request::Fault { .. }).then(|| process.to_owned());
-        let call = Call::Ask { id: self.0.next_id(), request: request.clone(), process, held: false, at_ns: None, pressed_ns: None };
+        let call = Call::Ask {
+            id: self.0.next_id(),
+            request: request.clone(),
+            process,
+            held: false,
+            at_ns: None,
+            pressed_ns: None,
+        };
         let (reply, _) = self.0.exchange_with(&call, body, patience_ns, uneasy)?;
         asked.put_answer(&reply.request_answer().ok_or_else(|| unexpected(&reply))?);
         Ok(asked)
@@ -322,7 +329,8 @@ impl Gateway {
             let call = Call::Open { id: self.0.next_id(), run: run.to_owned(), file: file.to_owned() };
             let reply = self.0.exchange(&call, &[])?.0;
             // The gateway opens a bounded number of files per second, and a run may have more.
-            let is_busy = reply.request_answer().is_some_and(|answer| busy.iter().any(|reason| reason.code() == answer.reason));
+            let is_busy =
+                reply.request_answer().is_some_and(|answer| busy.iter().any(|reason| reason.code() == answer.reason));
             if !is_busy || clock::now_ns() >= give_up {
                 break reply;
             }

@@ -142,7 +142,14 @@ fn every_call_is_read_as_it_was_written() {
 #[test]
 fn a_number_that_json_cannot_hold_is_never_left_out() {
     let goto = |speed_m_s| Request::Goto { to_m: [1.0, 2.0, 0.1 + 0.2], path: messages::GotoPath::Line, speed_m_s };
-    let call = |speed| Call::Ask { id: 1, request: goto(Some(speed)), process: None, held: false, at_ns: None, pressed_ns: None };
+    let call = |speed| Call::Ask {
+        id: 1,
+        request: goto(Some(speed)),
+        process: None,
+        held: false,
+        at_ns: None,
+        pressed_ns: None,
+    };
     assert!(call(0.3).header().is_ok());
     for speed in [f64::NAN, f64::INFINITY] {
         assert!(call(speed).header().is_err());
