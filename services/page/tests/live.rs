@@ -185,6 +185,18 @@ fn a_motion_that_is_asked_for_again_does_not_begin_after_the_stop_of_another() {
     let (mut flyer, mut visitor) = (rig.browser(Some(&rig.token("tablet", "fly"))), rig.browser(None));
     ready(&mut flyer, START);
     let go = |z: f64| json!({ "verb": "goto", "to_m": [5.4, 3.6, z], "path": { "shape": "line" }, "speed_m_s": 0.05 });
+    // On a machine that stands still the sign of a held motion comes too late.
+    let in_time = |flyer: &mut Browser, attempt: &Value| {
+        let begun = Instant::now();
+        loop {
+            flyer.until_state("a state", |_| true);
+            let answer = flyer.call(attempt.clone());
+            if ![478, 487].map(Value::from).contains(&answer["reason"]) {
+                return answer;
+            }
+            assert!(begun.elapsed() < LONG, "{answer}");
+        }
+    };
     for (press, stop) in [(1, "of a browser"), (3, "of the command line")] {
         flyer.insist(&json!({ "call": "ask", "request": go(0.7) }));
         flyer.until_state("it flies", |state| state["mode"] == "following");
@@ -194,7 +206,7 @@ fn a_motion_that_is_asked_for_again_does_not_begin_after_the_stop_of_another() {
             json!({ "call": "held", "request": go(0.8), "press": press }),
         ];
         for attempt in &attempts {
-            let early = flyer.call(attempt.clone());
+            let early = in_time(&mut flyer, attempt);
             assert!([203, 209].map(Value::from).contains(&early["reason"]), "{early}");
         }
         if stop == "of a browser" {
@@ -203,8 +215,8 @@ fn a_motion_that_is_asked_for_again_does_not_begin_after_the_stop_of_another() {
             rig.command("stop");
         }
         flyer.until_state("it holds", |state| state["mode"] == "holding");
-        for attempt in attempts {
-            let late = flyer.call(attempt);
+        for attempt in &attempts {
+            let late = in_time(&mut flyer, attempt);
             assert_eq!(late["reason"], 474, "{stop}: {late}");
         }
         // Another press begins a motion.
