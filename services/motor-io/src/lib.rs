@@ -51,7 +51,7 @@ pub use ask::{Asked, Trouble, ask};
 pub use backend::open as open_port;
 pub use core::{Core, DriveCommand, Observation};
 pub use inbox::Inbox;
-pub use odometry::Position;
+pub use odometry::{NOT_COUNTED, Position};
 pub use process::run;
 pub use setpoint::Setpoints;
 pub use settings::{ConfigError, CoreConfig, SecondEncoders};

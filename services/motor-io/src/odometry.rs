@@ -52,6 +52,12 @@ pub(crate) fn second_bound(config: &CoreConfig, cables: &[usize]) -> CountBound 
     CountBound { counts_s: OVER_SPEED * config.cable_speed_m_s * finest, margin: JUMP_MARGIN_M * finest }
 }
 
+/// In place of a count in [`Position`]: the count of this life does not continue in the next one.
+///
+/// Drivers continue the counts of a unit over its restart, but the unit itself began at zero again, and the next life
+/// begins with what the unit has counted.
+pub const NOT_COUNTED: i64 = i64::MIN;
+
 /// Verdict on one reading of one cable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reading {
@@ -87,7 +93,7 @@ struct Cable {
 pub struct Position {
     /// Unstretched length of each cable beyond the routed part, m.
     pub lengths_m: [f64; CABLES],
-    /// Encoder count of each cable at that time.
+    /// Encoder count of each cable at that time, or [`NOT_COUNTED`].
     pub counts: [i64; CABLES],
     /// The lengths as they were last set, m; NaN: unknown.
     pub zeroed_m: [f64; CABLES],
@@ -104,6 +110,8 @@ pub struct Odometry {
     restore: Option<Position>,
     /// Cables whose unit has been counting since the last life of motor-io.
     alive: [bool; CABLES],
+    /// Cables whose unit has restarted in this life of motor-io.
+    restarted: [bool; CABLES],
     /// The lengths were restored, and not confirmed since.
     only_restored: bool,
     /// The lengths as they were set, perhaps in the life before; NaN before that.
@@ -125,6 +133,7 @@ impl Odometry {
             position: MotorState::POSITION_UNKNOWN,
             restore: None,
             alive: [false; CABLES],
+            restarted: [false; CABLES],
             only_restored: false,
             zeroed_m: std::array::from_fn(|i| if i < config.cable_count() { f64::NAN } else { 0.0 }),
         }
@@ -184,7 +193,7 @@ impl Odometry {
         let reach = fastest_m_s * passed_s + JUMP_MARGIN_M;
         match it.candidate {
             Some(candidate) if wind.metres(it.length_m, counts, candidate).abs() <= reach => {
-                self.rebase(cable, counts, sampled_ns);
+                self.continue_from(cable, counts, sampled_ns);
                 Reading::Jumped
             }
             _ => {
@@ -194,9 +203,14 @@ impl Odometry {
         }
     }
 
-    /// Restarts the counts of a cable, for instance after a reboot of its unit: the length stays and needs
-    /// confirmation.
+    /// Restarts the counts of a cable after a reboot of its unit: the length stays and needs confirmation.
     pub fn rebase(&mut self, cable: usize, counts: i64, sampled_ns: u64) {
+        self.restarted[cable] = true;
+        self.continue_from(cable, counts, sampled_ns);
+    }
+
+    /// Continues the length of a cable from another count.
+    fn continue_from(&mut self, cable: usize, counts: i64, sampled_ns: u64) {
         let wind = self.winds[cable];
         let it = &mut self.cables[cable];
         *it = Cable { seen: true, counts, zero_counts: counts, zero_m: it.length_m, candidate: None, held: 0, ..*it };
@@ -225,8 +239,11 @@ impl Odometry {
             // A unit that was running all the time has continued to count. The count of a unit that was switched on
             // since says nothing about the time before, however near it is to the stored one.
             for (i, it) in self.cables.iter_mut().enumerate().take(self.count) {
-                let moved_m = self.winds[i].metres(lengths_m[i], it.counts, counts[i]);
-                it.zero_m = lengths_m[i] + if self.alive[i] { moved_m } else { 0.0 };
+                let counted = self.alive[i] && counts[i] != NOT_COUNTED;
+                // A unit counts in 32 bits, and the count of the life before was continued beyond their end.
+                let moved = i64::from(it.counts.wrapping_sub(counts[i]) as i32);
+                let moved_m = self.winds[i].metres(lengths_m[i], moved, 0);
+                it.zero_m = lengths_m[i] + if counted { moved_m } else { 0.0 };
                 it.zero_counts = it.counts;
                 it.length_m = it.zero_m;
             }
@@ -296,6 +313,12 @@ impl Odometry {
     #[must_use]
     pub fn counts(&self, cable: usize) -> i64 {
         self.cables[cable].counts
+    }
+
+    /// What the next life compares the count of a cable with.
+    #[must_use]
+    pub fn stored_counts(&self, cable: usize) -> i64 {
+        if self.restarted[cable] { NOT_COUNTED } else { self.cables[cable].counts }
     }
 
     /// Time of the last used count, ns.

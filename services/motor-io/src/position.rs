@@ -35,7 +35,7 @@ pub struct PositionFile {
     pub version: u32,
     /// Unstretched length of each cable beyond the routed part, m.
     pub lengths_m: Vec<f64>,
-    /// Encoder count of each cable at that time.
+    /// Encoder count of each cable at that time, or [`NOT_COUNTED`](crate::NOT_COUNTED).
     pub counts: Vec<i64>,
     /// The lengths as they were last set, m, from which the errors of the robot's model count; empty: unknown.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -330,7 +330,7 @@ impl Core {
     pub fn position(&self) -> Option<Position> {
         (self.odometry.position() != MotorState::POSITION_UNKNOWN && !self.odometry.only_restored()).then(|| Position {
             lengths_m: std::array::from_fn(|i| self.odometry.length_m(i)),
-            counts: std::array::from_fn(|i| self.odometry.counts(i)),
+            counts: std::array::from_fn(|i| self.odometry.stored_counts(i)),
             zeroed_m: self.odometry.zeroed_m(),
         })
     }

@@ -64,6 +64,45 @@ fn the_position_from_before_the_cut_has_to_be_confirmed() {
     rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
 }
 
+/// Drivers continue the counts over a restart of a unit, which itself begins at zero: the next life finds its own count.
+#[test]
+fn a_count_from_before_a_restart_is_no_motion_in_the_next_life() {
+    let mut rig = Rig::default();
+    rig.steps(2);
+    rig.demand(rig::lengths([5.0, 6.0, 7.0]));
+    rig.unit[1] = messages::MotorInput::UNIT_REBOOTED;
+    rig.step();
+    rig.unit[1] = messages::MotorInput::UNIT_OK;
+    rig.steps(20);
+    let stored = rig.core.position().unwrap();
+    assert_eq!((stored.counts[0], stored.counts[2]), (50_000, motor_io::NOT_COUNTED));
+    let mut later = Rig::default();
+    later.alive = [1; messages::UNITS];
+    // Both units were running all the time; the one that did not restart has counted on for 0.1 m.
+    later.count_offset = [1_000, 0, 5_000 - 60_000, 0, 0, 0, 0, 0];
+    later.inbox.first(99, Some(stored));
+    later.steps(2);
+    let lengths_m = later.seen().state.length_m;
+    assert!((lengths_m[0] - 5.1).abs() < 1e-9 && (lengths_m[1] - 6.0).abs() < 1e-9, "{lengths_m:?}");
+    assert!((lengths_m[2] - 7.0).abs() < 1e-9, "{lengths_m:?}");
+    // In that life its counts are its own again.
+    later.demand(Request::ConfirmPosition);
+    assert_eq!(later.core.position().unwrap().counts[2], 5_000);
+}
+
+/// A unit counts in 32 bits. What was counted beyond their end, it states from their other end on.
+#[test]
+fn a_count_that_wrapped_between_two_lives_continues() {
+    let mut rig = Rig::default();
+    rig.alive = [1; messages::UNITS];
+    let end = 1_i64 << 31;
+    rig.count_offset[0] = 1_000 - end - 50_000;
+    rig.inbox.first(99, Some(rig::stored([5.0; 8], [end - 1_000, -50_000, 60_000, 0, 0, 0, 0, 0])));
+    rig.steps(2);
+    let length_m = rig.seen().state.length_m[0];
+    assert!((length_m - 5.2).abs() < 1e-9, "{length_m}");
+}
+
 /// The errors of the robot's model count from where its lengths were set, also in a later life.
 #[test]
 fn where_the_lengths_were_set_outlives_motor_io() {
