@@ -123,7 +123,7 @@ pub const ROWS: [Row; 28] = [
     ),
     row(
         "estop 1 128",
-        "the unit's status, read every 12 cycles for two units, every 24 if answers leave little time; or the port's stop_pin, read in \
+        "the unit's status, read every 12 cycles for two units, every 24 if answers leave little time, every 8 if they leave none; or the port's stop_pin, read in \
          every cycle",
         40,
         MotorAuthority::FAULT_EMERGENCY_INPUT,
@@ -132,7 +132,7 @@ pub const ROWS: [Row; 28] = [
     ),
     row(
         "supply 9",
-        "five readings below supply_min_v; read every 12 cycles for two units, every 24 if answers leave little time",
+        "five readings below supply_min_v; read every 12 cycles for two units, every 24 if answers leave little time, every 96 if they leave none",
         80,
         MotorAuthority::FAULT_SUPPLY,
         FAULTED,

@@ -91,12 +91,16 @@ impl Capabilities {
 /// One serial port with the units of a drive family on it. The device need not be present.
 ///
 /// Contract of every family, which `shared/testing/drive-conformance` tests:
-/// * **Deadlines.** A call that begins after its deadline sends nothing. Command and counts of a unit that began before
-///   the deadline are completed, so late or missing answers end a call at most their answer times later.
+/// * **Deadlines.** A call that begins after its deadline sends nothing, and no unit is commanded after it. Command and
+///   counts of a unit that began before the deadline are completed, so late or missing answers end a call at most their
+///   answer times later.
 /// * **No stale answer.** After any failed exchange the bus resynchronises before it uses an answer: a late answer must
 ///   never count as the answer to a later question.
 /// * **Watchdog.** A unit is in use ([`UnitAnswer::outcome`] is `Ok`) only after its watchdog was set and read back
 ///   ([`UnitInfo::watchdog_ms`]); until then it is [`Error::Preparing`] or [`Error::WatchdogRefused`].
+/// * **Not heard.** A unit whose answers do not arrive stops within its watchdog's time where it gets no command, also
+///   where the bus asks it meanwhile.
+/// * **Spare time.** Where no cycle leaves time for readings that change slowly, they are taken all the same, rarely.
 /// * **Restarts.** A unit that restarted has lost its counts and its watchdog. The bus detects this, counts it in
 ///   [`UnitReport::reboots`](crate::UnitReport::reboots), and continues the counts from where they were.
 /// * **Interlock.** A unit that was lost or restarted is [`Error::Interlocked`] until one command that does not move it

@@ -35,6 +35,7 @@ mod error;
 mod fleet;
 mod fleet_cycle;
 mod inbox;
+mod overdue;
 mod port_thread;
 mod report;
 mod setup;
@@ -48,6 +49,7 @@ pub use error::{CommandName, Error, InvalidConfig, ReplyText, reply_text, watchd
 pub use fleet::Fleet;
 pub use fleet_cycle::{FleetCommand, FleetReply, MAX_FLEET, PortReport};
 pub use inbox::{Heard, Inbox};
+pub use overdue::Overdue;
 pub use report::{AXES, Counters, Firmware, SecondEncoder, StopInput, Timed, UnitAnswer, UnitInfo, UnitReport};
 pub use setup::{Recognised, Setup, SetupStep};
 pub use silence::{ASK_SILENT_EVERY_NS, BABBLE_NS, Instead, Noise, PAUSE_NS, SILENT_AFTER};

@@ -53,6 +53,8 @@ enum Phase {
 #[derive(Debug, Clone, Copy)]
 pub struct Setup {
     phase: Phase,
+    /// It was asked before whether it has the watchdog.
+    recognised: bool,
     /// Since the unit's last restart its watchdog was read back.
     watchdog_set: bool,
     /// The restart that began the present setup was counted.
@@ -72,6 +74,7 @@ impl Default for Setup {
     fn default() -> Self {
         Self {
             phase: Phase::Step(SetupStep::Recognise),
+            recognised: false,
             watchdog_set: false,
             restart_counted: false,
             interlocked: true,
@@ -140,8 +143,10 @@ impl Setup {
 
     /// Uses the answer to [`SetupStep::Recognise`]; `same`: the unit has the configured watchdog.
     pub fn recognised(&mut self, same: bool, report: &mut UnitReport) -> Recognised {
-        if report.setups == 0 && !self.watchdog_set {
-            report.was_alive = same;
+        if report.setups == 0 {
+            // Later it can be this driver that has set it.
+            let first = !std::mem::replace(&mut self.recognised, true);
+            report.was_alive = same && (first || report.was_alive);
         }
         // One that was in use and did not keep its watchdog may have restarted since, too.
         if !same && (self.watchdog_set || report.setups > 0) {
@@ -182,6 +187,7 @@ impl Setup {
     /// Records a restart of the unit. It may have executed a command before that showed, so it is stopped first.
     pub fn restarted(&mut self, report: &mut UnitReport) {
         self.set_up_again();
+        report.was_alive &= report.setups > 0;
         (self.failed, self.due_ns, self.silent) = (0, 0, false);
         // Counted once, however many attempts the setup takes.
         let was_in_use = std::mem::take(&mut self.watchdog_set) || report.setups > 0;
@@ -304,6 +310,25 @@ mod tests {
         let (mut setup, mut report) = (Setup::default(), UnitReport::default());
         setup.restarted(&mut report);
         assert_eq!(report.reboots, 0, "the unit was never in use");
+    }
+
+    /// Its watchdog is then one that this driver has set, though it did not hear so.
+    #[test]
+    fn a_new_unit_whose_answer_was_lost_has_not_been_running() {
+        let (mut setup, mut report) = (Setup::default(), UnitReport::default());
+        setup.recognised(false, &mut report);
+        setup.identified(false);
+        setup.doubt();
+        assert_eq!(setup.recognised(true, &mut report), Recognised::Same);
+        assert!(!report.was_alive);
+        let (mut setup, mut report) = (Setup::default(), UnitReport::default());
+        setup.recognised(true, &mut report);
+        setup.doubt();
+        setup.recognised(true, &mut report);
+        assert!(report.was_alive, "asked twice");
+        setup.doubt();
+        setup.recognised(false, &mut report);
+        assert!(!report.was_alive, "it has restarted since");
     }
 
     #[test]

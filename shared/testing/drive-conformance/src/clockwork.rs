@@ -24,6 +24,8 @@ pub struct Clockwork<U> {
     pub(crate) swap: f64,
     /// Answers swapped.
     pub(crate) swapped: u64,
+    /// Time of the byte by which the last unit began to move, ns.
+    pub(crate) moves_from_ns: Option<u64>,
     random: Random,
     answer: WireQueue,
     held: Vec<u8>,
@@ -38,6 +40,7 @@ impl<U: VirtualUnits> Clockwork<U> {
             offset: 0,
             swap: 0.0,
             swapped: 0,
+            moves_from_ns: None,
             random: Random::new(1),
             answer: WireQueue::new(0),
             held: Vec::new(),
@@ -66,6 +69,8 @@ impl<U: VirtualUnits> Clockwork<U> {
 impl<U: VirtualUnits> Device for Clockwork<U> {
     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut WireQueue) {
         self.units.receive(now_ns, byte, &mut self.answer);
+        let moves = self.count > 0 && self.units.drive(self.count - 1, 0).moves();
+        self.moves_from_ns = if moves { self.moves_from_ns.or(Some(now_ns)) } else { None };
         let Some(at_ns) = self.answer.next_ns() else { return };
         let mut answer = Vec::new();
         while let Some((_, byte)) = self.answer.pop(u64::MAX) {

@@ -114,6 +114,15 @@ impl<F: Family> Robot<F> {
         self.tick_ns = (self.bus.now_ns() + 1).next_multiple_of(PERIOD_NS);
     }
 
+    /// Lets the period pass with a microsecond of time left, in which nothing fits.
+    pub fn spend_a_microsecond(&mut self) {
+        self.lend();
+        let ends_ns = self.bus.now_ns() + MS / 1000;
+        self.bus.spend(ends_ns);
+        assert!(!self.inline || self.bus.now_ns() <= ends_ns, "the time was spent beyond its end");
+        self.tick_ns = (self.bus.now_ns() + 1).next_multiple_of(PERIOD_NS);
+    }
+
     /// One control cycle with this command for all motors.
     pub fn cycle(&mut self, command: Command) -> &[UnitAnswer] {
         let start_ns = self.exchange(Some(command));

@@ -240,8 +240,9 @@ impl<T: Transport> Bus<T> {
         if count == 0 {
             return;
         }
-        if self.transport.now_ns() + self.likely_ns(count) > deadline_ns {
-            self.counters.left_out += 1;
+        let fits = self.transport.now_ns() + self.likely_ns(count) <= deadline_ns;
+        self.counters.left_out += u64::from(!fits);
+        if !self.overdue.is_due(fits) {
             return;
         }
         if self.discard().is_ok() {

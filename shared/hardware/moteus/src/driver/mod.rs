@@ -29,7 +29,7 @@ mod setup;
 use std::sync::Arc;
 
 use arrayvec::ArrayString;
-use drives::{CountBound, Counters, Error, Inbox, InvalidConfig, Noise, Setup, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, Inbox, InvalidConfig, Noise, Overdue, Setup, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{ADDRESSES, Checksums, MAX_LINE, Mode, SOURCES};
@@ -138,6 +138,7 @@ pub struct Bus<T> {
     margin_ns: u64,
     checksums: Checksums,
     units: Vec<Unit>,
+    overdue: Overdue,
     inbox: Inbox<MAX_LINE>,
     connection: u32,
     /// Number of the last question.
@@ -206,6 +207,7 @@ impl<T: Transport> Bus<T> {
             margin_ns: config.margin_ns,
             checksums: config.checksums,
             units: config.units.iter().map(|unit| Unit::new(unit, tag)).collect(),
+            overdue: Overdue::default(),
             inbox: Inbox::default(),
             connection: 0,
             asked: 0,

@@ -69,6 +69,9 @@ impl<T: Transport> Bus<T> {
     pub(super) fn transact(&mut self, batch: &Batch, words: &'static str, deadline_ns: u64) -> Result<Answers, Error> {
         if self.setup.is_quiet() {
             self.probe(batch)?;
+            if self.transport.now_ns() > deadline_ns {
+                return Err(Error::Resynchronising { port: self.port() });
+            }
         }
         let asked = CommandName { words, code: None };
         let lines = batch.orders.len() + batch.asks.len();

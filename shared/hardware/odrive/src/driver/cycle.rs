@@ -300,8 +300,9 @@ impl<T: Transport> Bus<T> {
         }
         batch.asks.push(Ask::Supply);
         batch.asks.push(Ask::WatchdogOn(0));
-        if self.transport.now_ns() + self.likely_ns(batch.asks.len()) > deadline_ns {
-            self.counters.left_out += 1;
+        let fits = self.transport.now_ns() + self.likely_ns(batch.asks.len()) <= deadline_ns;
+        self.counters.left_out += u64::from(!fits);
+        if !self.overdue.is_due(fits) {
             return;
         }
         if self.discard().is_ok()

@@ -24,7 +24,7 @@ mod ask;
 use std::sync::Arc;
 
 use arrayvec::ArrayString;
-use drives::{CountBound, Counters, Error, Inbox, InvalidConfig, Noise, Setup, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, Inbox, InvalidConfig, Noise, Overdue, Setup, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{AXES, MARKS, MAX_LINE};
@@ -92,6 +92,7 @@ pub struct Bus<T> {
     controls: [Option<u32>; AXES],
     /// An axis left its closed loop by itself, and why has not been read.
     tripped: bool,
+    overdue: Overdue,
     inbox: Inbox<MAX_LINE>,
     connection: u32,
     next_mark: u32,
@@ -129,6 +130,7 @@ impl<T: Transport> Bus<T> {
             errors: [0; AXES],
             controls: [None; AXES],
             tripped: false,
+            overdue: Overdue::default(),
             inbox: Inbox::default(),
             connection: 0,
             next_mark,

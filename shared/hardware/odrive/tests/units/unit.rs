@@ -193,6 +193,21 @@ fn why_an_axis_stopped_while_it_held_is_reported_before_it_is_armed_again() {
     }
 }
 
+#[test]
+fn a_board_that_was_quiet_gets_no_command_after_the_deadline() {
+    let mut bus = robot();
+    bus.transport_mut().device_mut().mute_until(u64::MAX);
+    assert!(cycle(&mut bus, [Command::HOLD; 2]).is_err());
+    bus.transport_mut().device_mut().mute_until(0);
+    let (asked, now_ns) = (bus.counters().exchanges, bus.now_ns());
+    let mut answers = bus.blank_answers();
+    // It is over before the mark is answered that shows whether the board is back.
+    bus.exchange(&[[Some(Command::HOLD); 2]], now_ns + MS / 10, &mut answers);
+    assert!(answers[0].outcome.is_err());
+    assert_eq!(bus.counters().exchanges, asked + 1, "the mark alone");
+    cycle(&mut bus, [Command::HOLD; 2]).unwrap();
+}
+
 proptest! {
     #[test]
     fn no_bytes_move_a_motor_or_end_the_program(bytes in prop::collection::vec(any::<u8>(), 0..300)) {

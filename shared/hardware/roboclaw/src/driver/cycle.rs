@@ -29,6 +29,19 @@ const SLOW: [Read; 12] = [
 /// Duty of the whole supply.
 const FULL_DUTY: f64 = 32_767.0;
 
+/// Readings that are taken in turn where no cycle leaves time for any: the status, which has the stop button, most
+/// often.
+const OVERDUE: [Overdue; 4] = [Overdue::Status, Overdue::Currents, Overdue::Status, Overdue::Slow];
+
+/// A reading of one unit.
+#[derive(Debug, Clone, Copy)]
+enum Overdue {
+    Status,
+    Currents,
+    /// The next one of [`SLOW`].
+    Slow,
+}
+
 /// A unit may read an encoder this much later than it was asked, ns, while the motor moves on.
 const SAMPLE_JITTER_NS: u64 = 20_000_000;
 
@@ -80,7 +93,8 @@ impl<T: Transport> Bus<T> {
     /// Uses the time until `deadline_ns`: reads the stop input, brings back units that are not in use, and when all
     /// are, reads currents and one slow value.
     ///
-    /// Starts nothing that is unlikely to end by the deadline. The results are in the next cycle's reports.
+    /// Starts nothing that is unlikely to end by the deadline, except for one reading where the call before had time for
+    /// none either. The results are in the next cycle's reports.
     pub fn spend(&mut self, deadline_ns: u64) {
         self.begin_call(deadline_ns);
         // Time passed since the last answer.
@@ -95,14 +109,18 @@ impl<T: Transport> Bus<T> {
     }
 
     fn serve(&mut self, index: usize, drive: [Drive; 2], deadline_ns: u64) -> Result<(), Error> {
-        // Another unit may have brought the bus out of step in this cycle.
+        // Another unit may have brought the bus out of step in this cycle, or used its time.
         self.get_in_step(deadline_ns)?;
+        if self.transport.now_ns() >= deadline_ns {
+            return Err(self.not_ready(index).unwrap_or_else(|| Error::TooLate { port: self.port() }));
+        }
         let first = self.command_and_read(index, drive);
         // A second attempt is safe once the bus is in step, because commands are idempotent; but only if there is time
         // for it.
         match &first {
             Err(error) if error.is_on_the_wire() => {
-                if self.get_in_step(deadline_ns).is_err() || self.set_up_units(deadline_ns).is_err() {
+                let again = self.get_in_step(deadline_ns).is_ok() && self.set_up_units(deadline_ns).is_ok();
+                if !again || self.transport.now_ns() >= deadline_ns {
                     return first;
                 }
                 self.command_and_read(index, drive)
@@ -135,6 +153,7 @@ impl<T: Transport> Bus<T> {
     }
 
     fn command(&mut self, index: usize, drive: [Drive; 2]) -> Result<(), Error> {
+        let now_ns = self.transport.now_ns();
         match drive {
             [Drive::Idle, Drive::Idle] => return Ok(()),
             [Drive::Speed(one), Drive::Speed(two)] => self.write(index, Write::Speeds([one, two]))?,
@@ -149,10 +168,9 @@ impl<T: Transport> Bus<T> {
                 }
             }
         }
-        if let Some(unit) = self.units.get_mut(index)
-            && !drive.iter().any(|drive| drive.moves())
-        {
-            unit.interlocked = false;
+        if let Some(unit) = self.units.get_mut(index) {
+            unit.commanded_ns = now_ns;
+            unit.interlocked &= drive.iter().any(|drive| drive.moves());
         }
         Ok(())
     }
@@ -195,6 +213,16 @@ impl<T: Transport> Bus<T> {
     /// Reads the currents of every unit and one slow value, as far as time allows. A slow value that was left out comes
     /// before the currents in the next cycle: one of them is the status with the stop button.
     fn read_what_can_wait(&mut self, deadline_ns: u64) {
+        let short = !self.has_time(6, deadline_ns);
+        let again = std::mem::replace(&mut self.left_out, short) && short;
+        if short {
+            self.counters.left_out += 1;
+            if again {
+                self.left_out = false;
+                self.read_overdue();
+            }
+            return;
+        }
         let first = std::mem::replace(&mut self.slow_left_out, true);
         if first && !self.read_next_slow(deadline_ns) {
             return;
@@ -216,6 +244,17 @@ impl<T: Transport> Bus<T> {
         }
     }
 
+    /// Reads one value however little time is left. Where the bus runs inline, its answer is left to the next call.
+    fn read_overdue(&mut self) {
+        let (turn, units) = (self.overdue_turn, self.units.len());
+        self.overdue_turn = turn.wrapping_add(1);
+        let _ = match OVERDUE[turn % OVERDUE.len()] {
+            Overdue::Status => self.read_slow(turn / 2 % units, Read::Status),
+            Overdue::Currents => self.read_slow(turn / OVERDUE.len() % units, Read::Currents),
+            Overdue::Slow => self.read_slow_in_turn(),
+        };
+    }
+
     /// False if the bus got out of step; the next cycle reports it.
     fn read_next_slow(&mut self, deadline_ns: u64) -> bool {
         if !self.has_time(6, deadline_ns) {
@@ -223,10 +262,14 @@ impl<T: Transport> Bus<T> {
             return true;
         }
         self.slow_left_out = false;
+        self.read_slow_in_turn().is_ok()
+    }
+
+    fn read_slow_in_turn(&mut self) -> Result<(), Error> {
         let units = self.units.len();
         let (index, read) = (self.slow_turn % units, SLOW[self.slow_turn / units % SLOW.len()]);
         self.slow_turn = (self.slow_turn + 1) % (units * SLOW.len());
-        self.read_slow(index, read).is_ok()
+        self.read_slow(index, read)
     }
 
     fn has_time(&self, answer_bytes: usize, deadline_ns: u64) -> bool {
@@ -236,7 +279,13 @@ impl<T: Transport> Bus<T> {
     /// Reads a slow value into the report.
     pub(super) fn read_slow(&mut self, index: usize, read: Read) -> Result<(), Error> {
         let (reply, at_ns) = self.read(index, read)?;
-        let Some(unit) = self.units.get_mut(index) else { return Ok(()) };
+        self.use_slow(index, reply, at_ns);
+        Ok(())
+    }
+
+    /// Uses a slow value that was asked for at `at_ns`.
+    pub(super) fn use_slow(&mut self, index: usize, reply: Reply, at_ns: u64) {
+        let Some(unit) = self.units.get_mut(index) else { return };
         let report = &mut unit.report;
         match reply {
             Reply::Currents(centiamps) => {
@@ -263,6 +312,5 @@ impl<T: Transport> Bus<T> {
             }
             _ => {}
         }
-        Ok(())
     }
 }

@@ -171,8 +171,8 @@ impl<T: Transport> Bus<T> {
         let until_ns = deadline_ns.min(self.call_ends_ns);
         let got = self.fill_awake(&mut room[..end], wanted, until_ns)?;
         if got < wanted && until_ns < deadline_ns && self.transport.now_ns() < deadline_ns {
-            let late = Late::new(unit, command, sent_ns, deadline_ns, wanted).with(&room[..got]);
-            return Err(self.leave(late, self.likely_ns(sent + wanted)));
+            let late = Late::new(unit, command, [sent_ns, self.sent_stamp_ns], deadline_ns, wanted).with(&room[..got]);
+            return Err(self.leave(late));
         }
         self.excess = got.saturating_sub(wanted);
         self.empty = got >= wanted && got < end;

@@ -3,29 +3,35 @@
 
 use serial::Transport;
 
-use super::Bus;
 use super::step::{Late, Step};
+use super::{Bus, Phase};
 use crate::codec::{Command, Read};
 use crate::packet::MAX_PACKET;
 use drives::Error;
 
+/// A question that was sent in the last part of a call, of so many, was sent too late for that call: the answer of a
+/// drive that is in order takes up to a quarter of a cycle with a slow adapter.
+const PARTS: u64 = 3;
+
 impl<T: Transport> Bus<T> {
-    /// Leaves an answer to a later call. `likely_ns`: the time that it was likely to need.
-    pub(super) fn leave(&mut self, late: Late, likely_ns: u64) -> Error {
+    /// Leaves an answer to a later call. It is the drive that is late, where the question was sent in time: how long its
+    /// answers have lately taken is no excuse.
+    pub(super) fn leave(&mut self, late: Late) -> Error {
         if late.command == Command::Read(Read::Version) {
             // The end of a text is not known before it is read.
             self.too_late(late.unit);
         } else {
             self.step = Step::Late(late);
         }
-        match self.call_ends_ns < late.sent_ns + likely_ns {
+        let part_ns = self.call_ends_ns.saturating_sub(self.call_began_ns) / PARTS;
+        match late.sent_ns + part_ns > self.call_ends_ns {
             true => Error::Busy { port: self.port() },
             false => self.unanswered(),
         }
     }
 
-    /// Waits on for an answer that an earlier call left. The cycle of its question is over, so it is of no use any
-    /// more; but after it no older answer can follow.
+    /// Waits on for an answer that an earlier call left. The cycle of its question is over, so an
+    /// acknowledgement or a count is of no use any more; but after it no older answer can follow.
     pub(super) fn await_late(&mut self, late: Late, deadline_ns: u64) -> Result<(), Error> {
         let left = late.wanted - late.got;
         let mut room = [0; MAX_PACKET + 1];
@@ -49,8 +55,21 @@ impl<T: Transport> Bus<T> {
             self.out_of_step(late.unit);
         } else {
             self.step = Step::Settled;
+            self.use_late(late);
         }
         Ok(())
+    }
+
+    /// A value that changes slowly is of use in a later cycle too: it has the time of its question.
+    fn use_late(&mut self, late: Late) {
+        let ready = self.units.get(late.unit).is_some_and(|unit| unit.phase == Phase::Ready);
+        if let Command::Read(read) = late.command
+            && ready
+            && read != Read::Encoders
+            && let Some(reply) = late.reply(read, self.address(late.unit))
+        {
+            self.use_slow(late.unit, reply, late.stamp_ns);
+        }
     }
 
     /// The error of a call that ended before an answer. A simulated unit that has no processor is not to blame.

@@ -13,6 +13,10 @@
 //! * A unit that answers later than the margin gets more time while it is brought back into use, up to four times the
 //!   margin: on a starved computer or a slow adapter it would otherwise never come back. In a control cycle the margin
 //!   stays.
+//! * Every question feeds the watchdog of a unit that hears and is not heard, so its motors would run on with the last
+//!   command while it is fenced. The driver stops them instead, within the time in which the watchdog would have.
+//! * What changes slowly is read in the time that a cycle leaves. Where it never leaves any, one value is read every
+//!   second cycle all the same, and its answer may come after the end of the call.
 //! * Where the bus runs inline, a call does not wait beyond its deadline. The next one waits on for the answer, and
 //!   then uses the bus.
 //! * All of this is one state machine that advances as far as a call's deadline allows, so that a silent unit costs the
@@ -134,6 +138,10 @@ struct Unit {
     watchdog_set: bool,
     /// The watchdog is read before the counts in the next cycle.
     doubtful: bool,
+    /// It was asked before whether it has the watchdog.
+    recognised: bool,
+    /// Time of the last command that it acknowledged, ns.
+    commanded_ns: u64,
     /// It does not move until it was commanded to stand still.
     interlocked: bool,
     /// Late answers while it was brought back into use, less answers in time since; see [`Bus::patience_ns`].
@@ -181,10 +189,14 @@ pub struct Bus<T> {
     in_cycle: bool,
     /// The thread of the caller has other work in every cycle.
     inline: bool,
-    /// End of the present call, ns, where it must not wait beyond it.
+    /// Begin of the present call, ns, and its end, where it must not wait beyond it.
+    call_began_ns: u64,
     call_ends_ns: u64,
     slow_turn: usize,
     slow_left_out: bool,
+    /// The cycle before left no time for any reading.
+    left_out: bool,
+    overdue_turn: usize,
     current_turn: usize,
     counters: Counters,
     stop_pin: Option<StatusPin>,
@@ -221,6 +233,8 @@ impl<T: Transport> Bus<T> {
             held_back: false,
             watchdog_set: false,
             doubtful: false,
+            recognised: false,
+            commanded_ns: 0,
             interlocked: true,
             patience: 0,
             instead: Instead::default(),
@@ -241,9 +255,12 @@ impl<T: Transport> Bus<T> {
             sent_stamp_ns: 0,
             in_cycle: false,
             inline: false,
+            call_began_ns: 0,
             call_ends_ns: u64::MAX,
             slow_turn: 0,
             slow_left_out: false,
+            left_out: false,
+            overdue_turn: 0,
             current_turn: 0,
             counters: Counters::default(),
             stop_pin: config.stop_pin,
@@ -300,6 +317,7 @@ impl<T: Transport> Bus<T> {
 
     /// Begins a call that has to end by `deadline_ns` where the bus runs inline.
     fn begin_call(&mut self, deadline_ns: u64) {
+        self.call_began_ns = self.transport.now_ns();
         self.call_ends_ns = if self.inline { deadline_ns } else { u64::MAX };
     }
 

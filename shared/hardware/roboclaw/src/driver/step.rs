@@ -1,6 +1,6 @@
 //! The states of the bus and of a unit on the way into use.
 
-use crate::codec::{ACK, Command, Read};
+use crate::codec::{ACK, Command, Read, Reply};
 use crate::packet::MAX_PACKET;
 use drives::Instead;
 
@@ -23,6 +23,8 @@ pub(super) struct Late {
     pub(super) unit: usize,
     pub(super) command: Command,
     pub(super) sent_ns: u64,
+    /// The same on the machine's clock, ns.
+    pub(super) stamp_ns: u64,
     /// End of the wait, ns.
     pub(super) until_ns: u64,
     pub(super) wanted: usize,
@@ -31,9 +33,10 @@ pub(super) struct Late {
 }
 
 impl Late {
-    /// Nothing of it is there yet.
-    pub(super) fn new(unit: usize, command: Command, sent_ns: u64, until_ns: u64, wanted: usize) -> Self {
-        Self { unit, command, sent_ns, until_ns, wanted, bytes: [0; MAX_PACKET], got: 0 }
+    /// Nothing of it is there yet. The time of the question is that of the port's clock and of the machine's, ns.
+    pub(super) fn new(unit: usize, command: Command, sent_ns: [u64; 2], until_ns: u64, wanted: usize) -> Self {
+        let [sent_ns, stamp_ns] = sent_ns;
+        Self { unit, command, sent_ns, stamp_ns, until_ns, wanted, bytes: [0; MAX_PACKET], got: 0 }
     }
 
     /// The same with bytes that arrived.
@@ -45,12 +48,17 @@ impl Late {
         self
     }
 
+    /// The answer to this question, where the bytes are one.
+    pub(super) fn reply(&self, read: Read, address: u8) -> Option<Reply> {
+        read.decode(address, self.bytes.get(..self.got)?).ok()
+    }
+
     /// True where the bytes answer the question.
     pub(super) fn answers(&self, address: u8) -> bool {
         let bytes = self.bytes.get(..self.got).unwrap_or_default();
         match self.command {
             Command::Write(_) => bytes == [ACK],
-            Command::Read(read) => read.decode(address, bytes).is_ok(),
+            Command::Read(read) => self.reply(read, address).is_some(),
         }
     }
 }

@@ -20,6 +20,9 @@ const MOST_PATIENCE: u8 = 4;
 /// Only one of this many attempts to reach a silent unit gets the longer time.
 const PATIENT_EVERY: u32 = 4;
 
+/// Step of a unit's watchdog time, ns.
+const TENTH_NS: u64 = 100_000_000;
+
 /// Bytes of one exchange of the setup. Only the version text is longer.
 const LONGEST_STEP: usize = 20;
 
@@ -149,13 +152,39 @@ impl<T: Transport> Bus<T> {
         self.counters.timeouts += 1;
         self.be_more_patient(unit);
         self.step = Step::Draining { quiet_from_ns: now_ns };
+        self.stop_uncommanded(unit, now_ns);
         if let Some(unit) = self.units.get_mut(unit)
             && let Phase::Suspect { failed, .. } = unit.phase
         {
             unit.instead = instead;
             let failed = failed + 1;
+            // It is lost.
+            unit.interlocked |= failed >= SILENT_AFTER;
             let pause_ns = if failed < SILENT_AFTER { 0 } else { ASK_SILENT_EVERY_NS };
             unit.phase = Phase::Suspect { failed, due_ns: now_ns + pause_ns };
+        }
+    }
+
+    /// Releases the motors of units out of use whose watchdog would expire before the next fence has ended, did the
+    /// questions not feed it. A unit that hears and is not heard obeys. What it answers is drained before that fence.
+    fn stop_uncommanded(&mut self, asked: usize, now_ns: u64) {
+        // Before it, a command to another unit that is not heard either.
+        let next_ns = now_ns + 2 * QUIET_NS + self.wire_ns(2 * LONGEST_STEP) + self.margin_ns + self.patience_ns(asked);
+        for index in 0..self.units.len() {
+            let Some(unit) = self.units.get_mut(index) else { return };
+            let watchdog_ns = u64::from(unit.config.watchdog_tenths) * TENTH_NS;
+            if unit.phase == Phase::Ready || next_ns < unit.commanded_ns + watchdog_ns {
+                continue;
+            }
+            // The caller does not know that it has stopped.
+            unit.interlocked |= now_ns >= unit.commanded_ns + watchdog_ns;
+            let packet = Write::Duties([0; 2]).encode(unit.config.address);
+            self.counters.exchanges += 1;
+            let until_ns = now_ns + self.wire_ns(packet.len()) + self.margin_ns;
+            if let Err(error) = self.transport.write_all(&packet, until_ns) {
+                self.port_failed(error);
+                return;
+            }
         }
     }
 
@@ -220,10 +249,10 @@ impl<T: Transport> Bus<T> {
         let next = match setup {
             Setup::Recognise { whole } => {
                 let same = self.read(index, Read::Watchdog)?.0 == Reply::Watchdog(wanted);
-                if let Some(unit) =
-                    self.units.get_mut(index).filter(|unit| !unit.watchdog_set && unit.report.setups == 0)
-                {
-                    unit.report.was_alive = same;
+                if let Some(unit) = self.units.get_mut(index).filter(|unit| unit.report.setups == 0) {
+                    // Later it can be this driver that has set it.
+                    let first = !std::mem::replace(&mut unit.recognised, true);
+                    unit.report.was_alive = same && (first || unit.report.was_alive);
                 }
                 let was_used = self.units.get(index).is_some_and(|unit| unit.report.setups > 0);
                 if !same {

@@ -37,7 +37,8 @@ use std::sync::Arc;
 
 use arrayvec::ArrayString;
 use drives::{
-    CountBound, Counters, Error, Inbox, InvalidConfig, Noise, ReplyText, Setup, SetupStep, StopInput, UnitReport,
+    CountBound, Counters, Error, Inbox, InvalidConfig, Noise, Overdue, ReplyText, Setup, SetupStep, StopInput,
+    UnitReport,
 };
 use serial::{StatusPin, Transport, byte_time_ns};
 
@@ -112,6 +113,7 @@ pub struct Bus<T> {
     flags: flags::Flags,
     /// Questions of the last batch whose answers are still to come.
     tail: Option<parts::Tail>,
+    overdue: Overdue,
     inbox: Inbox<MAX_LINE>,
     connection: u32,
     /// Batches until the wire is without errors again.
@@ -157,6 +159,7 @@ impl<T: Transport> Bus<T> {
             counted: counted::Counted::default(),
             flags: flags::Flags::default(),
             tail: None,
+            overdue: Overdue::default(),
             inbox: Inbox::default(),
             connection: 0,
             noisy: 0,

@@ -1,7 +1,7 @@
 //! Readings that change slowly: their questions are the last of a batch, and their answers are read in the time that a
 //! cycle leaves.
 
-use drives::{Error, Timed};
+use drives::{Error, Overdue, Timed};
 use serial::Transport;
 
 use super::Bus;
@@ -18,10 +18,12 @@ impl<T: Transport> Bus<T> {
     /// Reads the answers to the last questions of a batch.
     pub(super) fn collect_tail(&mut self, deadline_ns: u64) -> Result<(), Error> {
         let Some(tail) = self.tail.take() else { return Ok(()) };
+        let mut until_ns = tail.until_ns.min(deadline_ns);
         for name in tail.asks {
             let line = loop {
-                match self.hear(tail.until_ns.min(deadline_ns))? {
+                match self.hear(until_ns)? {
                     Some(line) if unacknowledged(&line).is_none() => {}
+                    None if until_ns < tail.until_ns && self.overdue.is_due(false) => until_ns = tail.until_ns,
                     line => break line,
                 }
             };
@@ -38,6 +40,7 @@ impl<T: Transport> Bus<T> {
                 }
             }
         }
+        self.overdue = Overdue::default();
         Ok(())
     }
 

@@ -1,14 +1,19 @@
 //! Commands, readings and deadlines on a wire without faults.
 
 use drives::{Capabilities, Command, DriveBus, Error, UnitReport};
+use serial::{Faults, Transport};
 
 use crate::clockwork::CURRENTS_A;
 use crate::family::Family;
-use crate::robot::{BUDGET_NS, MS, Robot};
+use crate::robot::{BUDGET_NS, MS, PERIOD_NS, Robot};
 use crate::virtual_units::VirtualUnits;
 
 /// Cycles within which a driver reads every slow value of two units at least once.
 const ROUND: usize = 100;
+/// Cycles without time, and those within which status and currents are read in them all the same.
+const CYCLES_WITHOUT_TIME: u64 = 400;
+const STATUS_CYCLES: u64 = 60;
+const CURRENT_CYCLES: u64 = 200;
 
 /// Each command arrives at every motor, and a unit without a command keeps the last one.
 pub fn commands_reach_the_motors<F: Family>() {
@@ -140,4 +145,45 @@ pub fn nothing_is_sent_after_the_deadline<F: Family>() {
     assert!(!robot.units().drive(0, 0).moves());
     robot.spend(now_ns.saturating_sub(BUDGET_NS));
     assert_eq!(robot.recover(), 1, "a cycle without time costs nothing more");
+}
+
+/// Where the answers of one unit come so late that the time is over, the other units are not commanded any more: the
+/// caller may have decided otherwise meanwhile.
+pub fn a_late_unit_leaves_no_late_command<F: Family>() {
+    if F::UNITS == 1 {
+        return;
+    }
+    let mut robot = Robot::<F>::connected(F::UNITS);
+    F::pipe(&mut robot.bus).set_faults(Faults { late: 1.0, late_ns: BUDGET_NS + MS, ..Faults::default() }, 0);
+    let start_ns = robot.exchange(Some(Command::Velocity(500.0)));
+    F::pipe(&mut robot.bus).set_faults(Faults::default(), 0);
+    // What was sent arrives.
+    let now_ns = robot.bus.now_ns();
+    F::pipe(&mut robot.bus).wait_until(now_ns + MS);
+    if let Some(from_ns) = robot.clockwork().moves_from_ns {
+        let late_ns = from_ns.saturating_sub(start_ns + BUDGET_NS);
+        assert_eq!(late_ns, 0, "commanded after the deadline");
+    }
+    robot.tick_ns = (now_ns + MS).next_multiple_of(PERIOD_NS);
+    robot.recover();
+}
+
+/// A status may have a stop button, so it is read also where no cycle leaves time for it; currents may wait longer. No
+/// cycle is lost for it while the rest of the period suffices.
+pub fn a_status_is_read_where_no_cycle_leaves_time<F: Family>() {
+    let mut robot = Robot::<F>::connected(F::UNITS);
+    for _ in 0..CYCLES_WITHOUT_TIME {
+        robot.exchange(Some(Command::Velocity(40.0)));
+        robot.assert_all_ok("no time is left");
+        robot.spend_a_microsecond();
+    }
+    let now_ns = robot.bus.now_ns();
+    let offered = robot.bus.capabilities();
+    for answer in &robot.answers {
+        let cycles = |at_ns: u64| (now_ns - at_ns) / PERIOD_NS;
+        let (status, currents) = (cycles(answer.report.status.at_ns), cycles(answer.report.currents_a.at_ns));
+        println!("status {status} cycles old, currents {currents}");
+        assert!(status <= STATUS_CYCLES, "the status is {status} cycles old");
+        assert!(!offered.currents || currents <= CURRENT_CYCLES, "the currents are {currents} cycles old");
+    }
 }

@@ -241,6 +241,36 @@ pub fn a_silent_unit_costs_the_others_little<F: Family>() {
     assert_eq!(robot.answers[0].report.reboots, 0);
 }
 
+/// A unit that hears and is not heard stops within its watchdog's time: it obeys, or gets no command. That its driver
+/// still asks must not keep it going. It does not move again by itself.
+pub fn a_unit_that_is_not_heard_stops_in_its_watchdogs_time<F: Family>() {
+    let mut robot = Robot::<F>::connected(F::UNITS);
+    let heard_ns = robot.tick_ns;
+    robot.cycle(Command::Velocity(800.0));
+    (0..F::UNITS).for_each(|unit| robot.units().mute(unit, true));
+    robot.cycles(5, Command::Velocity(800.0));
+    // The caller has noticed.
+    let (mut stopped_ns, end_ns) = (None, robot.tick_ns + 1_000 * MS);
+    while robot.tick_ns < end_ns {
+        robot.cycle(Command::HOLD);
+        let moves = (0..F::UNITS).any(|unit| robot.units().drive(unit, 0).moves());
+        stopped_ns = if moves { None } else { stopped_ns.or(Some(robot.bus.now_ns())) };
+    }
+    let after_ns = stopped_ns.expect("it never stopped") - heard_ns;
+    println!("stopped {} ms after the last answer", after_ns / MS);
+    // Looked at once in a cycle.
+    assert!(after_ns <= u64::from(WATCHDOG_MS) * MS + 2 * PERIOD_NS, "it ran on for {after_ns} ns");
+    (0..F::UNITS).for_each(|unit| robot.units().mute(unit, false));
+    for _ in 0..RECOVERY {
+        let all = robot.cycle(Command::Velocity(800.0)).iter().all(|answer| answer.outcome.is_err());
+        let moves = (0..F::UNITS).any(|unit| robot.units().drive(unit, 0).moves());
+        assert!(all && !moves, "it moved again by itself: {:?}", robot.outcomes());
+    }
+    robot.recover();
+    robot.cycle(Command::Velocity(800.0));
+    robot.assert_all_ok("commanded to hold once");
+}
+
 /// A port that is gone costs no time; when it is back its units wait for a stop, and their counts have continued.
 pub fn an_unplugged_port_is_lost_at_once_and_comes_back_interlocked<F: Family>() {
     let mut robot = Robot::<F>::connected(F::UNITS);

@@ -14,9 +14,9 @@ use super::{COUNTS_PER_TURN, EXPIRED, STOPPED, Text, seal, unseal};
 
 /// Time for one question and its answer, ns.
 pub const ANSWER_NS: u64 = 2_000_000;
-/// Questions without an answer after which a unit is silent: 0.15 s of cycles, so that a short stop of the computer is
+/// Questions without an answer after which a unit is silent: 0.25 s of cycles, so that a short stop of the computer is
 /// no silence.
-const SILENT_AFTER: u32 = 15;
+const SILENT_AFTER: u32 = 25;
 /// Time between two questions to a silent unit, ns: each costs the others of the port the time of an answer.
 const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
 /// A unit may read its encoder this much later than it was asked, ns, while the motor moves on.
@@ -162,6 +162,7 @@ impl<T: Transport> FakeBus<T> {
         }
         self.counters.timeouts += 1;
         self.units[unit].failed += 1;
+        self.units[unit].interlocked |= self.units[unit].is_silent();
         let asked = CommandName { words, code: None };
         let waited_us = (ANSWER_NS / 1000) as u32;
         Err(self.error(unit, |port, unit| match garbled {

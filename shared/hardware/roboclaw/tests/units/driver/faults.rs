@@ -181,6 +181,24 @@ fn a_restarted_unit_is_found_out_and_its_encoders_are_not_a_movement() {
     }
 }
 
+/// A unit that was just switched on, and of whose setup one answer or the other is lost, has not been running before:
+/// its watchdog is then there because this driver has set it.
+#[test]
+fn a_new_unit_is_new_whatever_answer_of_its_setup_is_lost() {
+    let mut lost = 0;
+    for silent_from_us in (0..60_000).step_by(250) {
+        let mut bus = bus_of(&[UnitOptions::new(0x80)]);
+        while bus.transport().now_ns() < silent_from_us * 1000 && bus.settle(0).is_err() {}
+        let silent_until_ns = bus.transport().now_ns() + MS;
+        bus.transport_mut().silence_until(silent_until_ns);
+        let before = bus.counters().timeouts;
+        let run = Run::connected(bus);
+        lost += u32::from(run.bus.counters().timeouts > before);
+        assert!(!run.bus.report(0).unwrap().was_alive, "silent from {silent_from_us} us on");
+    }
+    assert!(lost > 5, "only {lost} times an answer was lost");
+}
+
 #[test]
 fn an_encoder_that_jumps_is_refused_once_and_counted_when_it_stays() {
     let mut run = Run::connected(two_units());

@@ -109,3 +109,37 @@ fn answers_that_are_always_late_are_waited_for_longer_until_they_are_not() {
     let cycles = run.recover();
     assert!(cycles <= 7, "{cycles}");
 }
+
+/// Behind a slow adapter, commands and counts take nearly the whole cycle: everything else is read all the same, the
+/// status of each unit at least every 16 cycles, and no cycle is lost for it.
+#[test]
+fn where_answers_leave_no_time_everything_is_read_all_the_same() {
+    for inline in [false, true] {
+        let slow = |address| UnitOptions { turnaround_ns: 1_400_000, ..UnitOptions::new(address) };
+        let mut run = Run::connected(bus_of(&[slow(0x80), slow(0x81)]));
+        drives::DriveBus::set_inline(&mut run.bus, inline);
+        let mut oldest = 0;
+        for cycle in 0..400 {
+            let start_ns = run.tick_ns;
+            run.cycle(Drive::Speed(cycle));
+            assert!(run.answers.iter().all(|answer| answer.outcome.is_ok()), "{inline}: {:?}", run.answers);
+            assert_eq!(run.tick_ns, start_ns + PERIOD_NS, "{inline}: a cycle was lost");
+            let status_ns = run.answers.iter().map(|answer| answer.report.status.at_ns).min().unwrap();
+            oldest = oldest.max((start_ns - status_ns) / PERIOD_NS);
+        }
+        println!("inline {inline}: the status was at most {oldest} cycles old, {:?}", run.bus.counters());
+        assert!(oldest <= 16, "{inline}: the status was {oldest} cycles old");
+        for answer in &run.answers {
+            let report = &answer.report;
+            for (read_ns, bound) in [
+                (report.currents_a.at_ns, 32),
+                (report.duties.at_ns, 64),
+                (report.supply_v.at_ns, 200),
+                (report.temperature_c.at_ns, 200),
+            ] {
+                let age = (run.tick_ns - read_ns) / PERIOD_NS;
+                assert!(age <= bound, "{inline}: {age} cycles, {report:?}");
+            }
+        }
+    }
+}
