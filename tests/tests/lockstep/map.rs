@@ -5,7 +5,7 @@ use analysis::map::{Args, logger_config, maps_of_run, run as map};
 use command::{Failure, Output};
 use config::SensorLoggerSection;
 use georeference::{Decoder, Logger, LoggerConfig};
-use messages::{Header, Message, Reading, put_text};
+use messages::{Header, Message, NodeEstimate, Reading, Sample, put_text};
 use motor_box::GroundFile;
 use nims_sim::Tape;
 use nims_tests::lockstep::Lockstep;
@@ -250,12 +250,16 @@ fn the_report_and_the_command_compute_the_same_map() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run.mcap");
     fly(&run, true);
-    let all = Args { sensor: Vec::new(), cell: None, reach: None, looks_down: false, ..asked(&run, folder.path()) };
+    assert_eq!(drawn_as_written(&run, folder.path()), ["range", "soil"]);
+}
+
+/// Names of the sensors of which the report draws the map that the command writes.
+fn drawn_as_written(run: &Path, folder: &Path) -> Vec<String> {
+    let all = Args { sensor: Vec::new(), cell: None, reach: None, looks_down: false, ..asked(run, folder) };
     map(&all).unwrap();
-    let maps = maps_of_run(&run, &logger_config(&run).unwrap()).unwrap();
-    assert_eq!(maps.keys().collect::<Vec<_>>(), ["range", "soil"]);
+    let maps = maps_of_run(run, &logger_config(run).unwrap()).unwrap();
     for (name, drawn) in &maps {
-        let written = cells(folder.path(), name);
+        let written = cells(folder, name);
         let known = drawn.grid().cells().iter().flatten().count();
         assert_eq!(known, written.len(), "{name}");
         for [x, y, value, sigma] in written {
@@ -265,6 +269,7 @@ fn the_report_and_the_command_compute_the_same_map() {
             assert!((shown - value).abs() <= 1e-8 * value.abs() && (shown_sigma / sigma - 1.0).abs() < 1e-3);
         }
     }
+    maps.into_keys().collect()
 }
 
 #[test]
@@ -311,6 +316,17 @@ fn what_the_sensor_logger_did_not_record_is_computed() {
     assert!(told["computed"].as_u64().unwrap() > 800, "{told}");
     let (a, b) = (cells(&parts, "range"), cells(&all, "range"));
     assert!(a.len() * 100 >= b.len() * 98, "{} of {} cells", a.len(), b.len());
+    // The files have the samples of both, in the order of their times.
+    let table = std::fs::read_to_string(parts.join("range.csv")).unwrap();
+    let stamps = table.lines().skip(1).map(|row| row.split(',').next().unwrap().parse::<u64>().unwrap());
+    let stamps: Vec<u64> = stamps.collect();
+    assert_eq!(stamps.len() as u64, samples(&told));
+    assert!(stamps.windows(2).all(|two| two[0] < two[1]));
+    let points = std::fs::read_to_string(parts.join("range.ply")).unwrap();
+    let (head, points) = points.split_once("end_header\n").unwrap();
+    assert!(head.contains(&format!("element vertex {}\n", points.lines().count())), "{head}");
+    assert_eq!(points.lines().count(), stamps.len());
+    assert_eq!(drawn_as_written(&run, &folder.path().join("as-drawn")), ["range", "soil"]);
 }
 
 #[test]
@@ -328,4 +344,67 @@ fn missing_inputs_are_reported_in_one_sentence() {
     assert!(matches!(&other, Failure::BadInput(named) if named.contains("height")), "{other:?}");
     let empty = map(&Args { sensor: Vec::new(), ..asked(&run, folder.path()) }).unwrap_err();
     assert!(matches!(empty, Failure::NotNow(_)), "{empty:?}");
+}
+
+/// Writes a run of this many cycles in which the node goes around, with a sensor that is read in each, and the samples
+/// of the sensor logger, which did not run in the first minute.
+fn long_run(path: &Path, cycles: u64) {
+    let mut tape = Tape::new(path, &configs("systems/demo3.toml")).unwrap();
+    for cycle in 1..=cycles {
+        let stamp_ns = 1_000_000_000 + cycle * 10_000_000;
+        // Ten seconds for one of many circles of growing and shrinking radius.
+        let (turn, radius_m) = (cycle as f64 * 0.0063, 0.2 + 0.8 * (cycle % 60_000) as f64 / 60_000.0);
+        let place = [4.5 + radius_m * turn.cos(), 3.2 + radius_m * turn.sin(), 0.8];
+        let header = Header { oldest_input_ns: stamp_ns, cycle, ..Header::at(stamp_ns) };
+        let estimate = NodeEstimate { header, position_m: place, valid: 1, ..NodeEstimate::default() };
+        tape.write("node/estimate/a", estimate).unwrap();
+        let mut reading = Reading { header, count: 1, ..Reading::default() };
+        reading.value[0] = moisture(place[0], place[1]) + 0.1 * (cycle as f64 * 1.7).sin();
+        tape.write("sensor/probe", reading).unwrap();
+        if cycle > 6000 {
+            let mut sample = Sample { header, position_m: place, reading_seq: cycle, count: 1, ..Sample::default() };
+            sample.value[0] = reading.value[0];
+            tape.write("sample/probe", sample).unwrap();
+        }
+    }
+    tape.finish().unwrap();
+}
+
+/// Largest memory of `nims map` for this run, MiB, and what it answered.
+fn memory_mib(run: &Path) -> (f64, Value) {
+    let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
+    let answer = run.with_extension("json");
+    let mut command = Command::new(program);
+    command.arg("map").arg(run).arg("--out").arg(run.with_extension("map")).arg("--json");
+    let mut child = command.stdout(std::fs::File::create(&answer).unwrap()).spawn().unwrap();
+    let mut most_kib = 0.0_f64;
+    while child.try_wait().unwrap().is_none() {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
+        let now_kib = line.and_then(|text| text.trim().parse::<f64>().ok()).unwrap_or(0.0);
+        most_kib = most_kib.max(now_kib);
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    assert!(child.wait().unwrap().success());
+    (most_kib / 1024.0, serde_json::from_str(&std::fs::read_to_string(answer).unwrap()).unwrap())
+}
+
+/// Each sample goes to its cell and to the files; the run of ten times the length needs no more memory.
+#[test]
+fn the_memory_of_a_map_does_not_grow_with_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    // NIMS_KEEP: a folder in which the runs are kept; NIMS_MAP_CYCLES: cycles of the long one, an hour is 360000
+    let out = std::env::var_os("NIMS_KEEP").map_or_else(|| folder.path().to_owned(), PathBuf::from);
+    let cycles = std::env::var("NIMS_MAP_CYCLES").ok().and_then(|text| text.parse().ok()).unwrap_or(100_000);
+    let [short, long] = [cycles / 10, cycles].map(|cycles| {
+        let run = out.join(format!("cycles-{cycles}.mcap"));
+        long_run(&run, cycles);
+        let (memory_mib, answer) = memory_mib(&run);
+        let samples = answer["maps"][0]["samples"].as_u64().unwrap();
+        println!("{samples} samples: {memory_mib:.1} MiB");
+        // The two seconds before those of the sensor logger, and the last reading, have no sample.
+        assert!(samples + 210 > cycles && samples <= cycles, "{samples} of {cycles}");
+        memory_mib
+    });
+    assert!(long < short + 16.0, "{short:.1} MiB, {long:.1} MiB");
 }

@@ -25,11 +25,11 @@ pub(super) fn mapped(names: &[String; 2], others: &[&str]) -> [String; 2] {
     })
 }
 
-/// Returns the names of the first `count` values of these samples; `value_N` where a name would not be the only one,
-/// also beside those of the other columns.
-pub(super) fn columns(samples: &[Sample], count: usize, others: &[&str]) -> Vec<String> {
+/// Returns the names of the first `count` values of samples such as this one; `value_N` where a name would not be the
+/// only one, also beside those of the other columns.
+pub(super) fn columns(sample: Option<&Sample>, count: usize, others: &[&str]) -> Vec<String> {
     let of = |pick: fn(&Sample) -> &[u8]| -> Vec<String> {
-        let text = samples.first().map(|sample| text_of(pick(sample)).to_string()).unwrap_or_default();
+        let text = sample.map(|sample| text_of(pick(sample)).to_string()).unwrap_or_default();
         let words: Vec<String> = text.split(',').map(|word| word.trim().to_owned()).collect();
         (0..count).map(|at| words.get(at).cloned().unwrap_or_default()).collect()
     };
@@ -78,12 +78,15 @@ mod tests {
             let mut sample = Sample { count: 3, ..Sample::default() };
             put_text(&mut sample.quantity, quantity);
             put_text(&mut sample.unit, unit);
-            [sample]
+            sample
         };
-        assert_eq!(columns(&sample("co2,temperature", "ppm,°C"), 3, &[]), ["co2_ppm", "temperature_degC", "value_3"]);
-        assert_eq!(columns(&sample("echo,echo,range", "m,m,m"), 3, &[]), ["value_1", "value_2", "range_m"]);
+        assert_eq!(
+            columns(Some(&sample("co2,temperature", "ppm,°C")), 3, &[]),
+            ["co2_ppm", "temperature_degC", "value_3"]
+        );
+        assert_eq!(columns(Some(&sample("echo,echo,range", "m,m,m")), 3, &[]), ["value_1", "value_2", "range_m"]);
         let place = sample("latitude,x,echo", "°,m,m");
-        assert_eq!(columns(&place, 3, &["x_m", "latitude_deg"]), ["value_1", "value_2", "echo_m"]);
-        assert_eq!(columns(&[], 0, &[]), Vec::<String>::new());
+        assert_eq!(columns(Some(&place), 3, &["x_m", "latitude_deg"]), ["value_1", "value_2", "echo_m"]);
+        assert_eq!(columns(None, 0, &[]), Vec::<String>::new());
     }
 }

@@ -1,19 +1,17 @@
-//! Writes a map for other programs: ESRI ASCII grids, CSV, PLY, and plots.
+//! Writes the cells of a map for other programs: ESRI ASCII grids, CSV, GeoJSON, and plots.
 
-use super::columns::{columns, mapped};
+use super::columns::mapped;
 use super::draw::{self, Plot};
 use super::globe::{self, Globe};
-use super::read::RunTime;
 use command::{Answer, Failure};
-use georeference::{Plane, SensorMap};
-use messages::Sample;
+use georeference::SensorMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Value of an unknown cell in an ESRI ASCII grid.
 const NODATA: i32 = -9999;
 
-/// Writes all files of a map and returns their paths.
+/// Writes the files of the cells of a map and returns their paths.
 ///
 /// # Errors
 /// A file cannot be written.
@@ -21,9 +19,7 @@ pub(super) fn write(
     folder: &Path,
     name: &str,
     map: &SensorMap,
-    samples: &[Sample],
     track: &[[f64; 3]],
-    time: &RunTime,
     globe: Option<&Globe>,
 ) -> Answer<Vec<PathBuf>> {
     let mut written = Vec::new();
@@ -40,11 +36,9 @@ pub(super) fn write(
     file(format!("{name}.asc"), ascii_grid(map, &values))?;
     file(format!("{name}-sigma.asc"), ascii_grid(map, &sigmas))?;
     file(format!("{name}-grid.csv"), grid_table(map))?;
-    file(format!("{name}.csv"), sample_table(samples, time, globe))?;
     if let Some(cells) = globe.and_then(|globe| globe::cells(map, globe)) {
         file(format!("{name}.geojson"), cells.to_string())?;
     }
-    file(format!("{name}.ply"), points(map, samples))?;
     let [quantity, unit] = map.names();
     let quantity = if quantity.is_empty() { "value" } else { quantity };
     let with_unit = if unit.is_empty() { quantity.to_owned() } else { format!("{quantity}, {unit}") };
@@ -113,59 +107,6 @@ fn grid_table(map: &SensorMap) -> String {
             text,
             "{x:.6},{y:.6},{value:.9e},{sigma:.3e},{gx:.6e},{gy:.6e},{structure:.3e},{radius:.4},{samples}"
         );
-    }
-    text
-}
-
-/// Formats the samples, one row each.
-fn sample_table(samples: &[Sample], time: &RunTime, globe: Option<&Globe>) -> String {
-    let count = samples.iter().map(|sample| usize::from(sample.count).min(8)).max().unwrap_or(0);
-    let place = "stamp_ns,reading_seq,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,quality";
-    let rest = if globe.is_some() { "latitude_deg,longitude_deg,utc,t_s" } else { "utc,t_s" };
-    let others: Vec<&str> = place.split(',').chain(rest.split(',')).collect();
-    let names = columns(samples, count, &others);
-    let head = [place].into_iter().chain(names.iter().map(String::as_str)).chain([rest]).collect::<Vec<_>>();
-    let mut text = head.join(",") + "\n";
-    for sample in samples {
-        let [x, y, z] = sample.position_m;
-        let [sx, sy, sz] = sample.position_std_m;
-        let (stamp_ns, seq, quality) = (sample.header.stamp_ns, sample.reading_seq, sample.quality);
-        let _ = write!(text, "{stamp_ns},{seq},{x:.6},{y:.6},{z:.6},{sx:.6},{sy:.6},{sz:.6},{quality}");
-        for value in &sample.value[..count] {
-            let _ = write!(text, ",{value}");
-        }
-        if let Some([latitude, longitude]) = globe.map(|globe| globe.at([x, y])) {
-            // Nine decimals resolve a millimetre.
-            let _ = write!(text, ",{latitude:.9},{longitude:.9}");
-        }
-        match time.of(stamp_ns) {
-            Some((utc, t_s)) => {
-                let _ = writeln!(text, ",{utc},{t_s:.6}");
-            }
-            None => text.push_str(",,\n"),
-        }
-    }
-    text
-}
-
-/// Formats the samples as points with the mapped value; for a sensor that looks down, at the measured height.
-fn points(map: &SensorMap, samples: &[Sample]) -> String {
-    let height = map.plane() == Plane::Level && map.looks_down();
-    let points: Vec<([f64; 3], f64)> = samples
-        .iter()
-        .filter_map(|sample| {
-            let (_, value) = map.point(sample)?;
-            let [x, y, z] = sample.position_m;
-            value.is_finite().then_some(([x, y, if height { value } else { z }], value))
-        })
-        .collect();
-    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", points.len());
-    for property in ["x", "y", "z", "value"] {
-        let _ = writeln!(text, "property double {property}");
-    }
-    text.push_str("end_header\n");
-    for ([x, y, z], value) in points {
-        let _ = writeln!(text, "{x:.6} {y:.6} {z:.6} {value}");
     }
     text
 }

@@ -3,14 +3,21 @@
 mod columns;
 mod contour;
 mod draw;
+mod extent;
 mod files;
+mod flown;
 mod globe;
+mod merge;
 mod netcdf;
 mod read;
+mod samples;
 
 pub use contour::{contours, levels};
+use extent::Extent;
 use globe::Globe;
-pub use read::{Origin, Wanted, logger_config, read_samples, sensor_settings};
+use read::{Flown, Wanted, read_samples};
+pub use read::{logger_config, sensor_settings};
+use samples::SampleFiles;
 
 use crate::runs::require_run;
 use command::values::above_zero;
@@ -65,32 +72,14 @@ const CELLS: f64 = 80.0;
 /// Maximum number of cells along a side.
 const MAX_CELLS: f64 = 2000.0;
 
-/// Samples of one sensor.
-#[derive(Default)]
-struct SensorSamples {
-    samples: Vec<Sample>,
-    /// How many of them were computed.
-    computed: usize,
+/// A sensor of which a map is being made.
+struct Mapped {
+    map: SensorMap,
+    files: SampleFiles,
 }
 
-impl SensorSamples {
-    /// Sorts what comes from two sources by time.
-    fn sort(&mut self) {
-        if self.computed > 0 && self.computed < self.samples.len() {
-            self.samples.sort_by_key(|sample| sample.header.stamp_ns);
-        }
-    }
-
-    fn origin(&self) -> &'static str {
-        match self.computed {
-            0 => "recorded",
-            all if all == self.samples.len() => "computed",
-            _ => "recorded and computed",
-        }
-    }
-}
-
-/// Runs `nims map`.
+/// Runs `nims map`. The run is read twice: the first time shows where the samples are and how many, the second time
+/// each sample goes to its cell and to the files, so memory does not grow with the run.
 ///
 /// # Errors
 /// The run does not exist or has no such sensor, or a file cannot be written.
@@ -100,34 +89,42 @@ pub fn run(args: &Args) -> Answer<Output> {
     let mut config = read::config(&robot, &section)?;
     let globe = robot.site.as_ref().map(Globe::new);
     override_settings(&mut config, args);
-    let plane = config.plane;
-    let mut measured: BTreeMap<String, SensorSamples> = BTreeMap::new();
-    let mut sensors = Vec::new();
+    let chosen = |name: &str, sample: &Sample| {
+        (args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == name))
+            .then(|| is_between(args, config.plane.across(sample.position_m)))
+    };
     let wanted = if args.recompute { Wanted::Computed } else { Wanted::All };
-    let track = read_samples(&args.run, &config, wanted, &mut sensors, &mut |name, origin, sample| {
-        if args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == name) {
-            let sensor = measured.entry(name.to_owned()).or_default();
-            if is_between(args, plane.across(sample.position_m)) {
-                sensor.computed += usize::from(origin == Origin::Computed);
-                sensor.samples.push(*sample);
-            }
-        }
-    })?;
-    measured.values_mut().for_each(SensorSamples::sort);
-    if let Some(absent) = args.sensor.iter().find(|name| !sensors.contains(name)) {
-        let there = if sensors.is_empty() { "none".to_owned() } else { sensors.join(", ") };
+    let (extents, flown) = extents_of(&args.run, &config, wanted, &chosen)?;
+    if let Some(absent) = args.sensor.iter().find(|name| !flown.sensors.contains(name)) {
+        let there = if flown.sensors.is_empty() { "none".to_owned() } else { flown.sensors.join(", ") };
         return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
     }
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.run));
     std::fs::create_dir_all(&folder).map_err(|error| files::write_failure(&folder, &error))?;
+    let mut mapped = BTreeMap::new();
+    for (name, extent) in &extents {
+        let begun = match empty_map(&config, name, extent, args.cell, args.reach) {
+            Ok(map) => Ok(Mapped { map, files: SampleFiles::create(&folder, name, extent, &time, globe.as_ref())? }),
+            Err(why) => Err(why),
+        };
+        mapped.insert(name.clone(), begun);
+    }
+    read_samples(&args.run, &config, wanted, flown.read, &mut |name, _, sample| {
+        if let (Some(true), Some(Ok(Mapped { map, files }))) = (chosen(name, sample), mapped.get_mut(name)) {
+            map.add(sample);
+            files.add(map, sample);
+        }
+    })?;
     let (mut values, mut words) = (Vec::new(), Vec::new());
-    for (name, measured) in &measured {
-        match sensor_map(&config, args, name, measured) {
-            Ok(map) => {
-                let (samples, globe) = (&measured.samples, globe.as_ref());
-                let mut written = files::write(&folder, name, &map, samples, &track, &time, globe)?;
-                written.push(netcdf::write(&folder, name, &map, samples, &time, globe)?);
-                let (value, sentence) = describe(name, &map, measured, &written);
+    for (name, begun) in mapped {
+        match begun {
+            Ok(Mapped { mut map, files }) => {
+                map.grid_mut().refresh_all();
+                let (extent, globe) = (&extents[&name], globe.as_ref());
+                let mut written = files::write(&folder, &name, &map, flown.path.points(), globe)?;
+                written.extend(files.finish()?);
+                written.push(netcdf::write(&folder, &name, &map, extent, &time, globe)?);
+                let (value, sentence) = describe(&name, &map, extent, &written);
                 values.push(value);
                 words.push(sentence);
             }
@@ -148,45 +145,36 @@ pub fn run(args: &Args) -> Answer<Output> {
 /// # Errors
 /// The run cannot be read.
 pub fn maps_of_run(run: &Path, config: &LoggerConfig) -> Answer<BTreeMap<String, SensorMap>> {
-    let mut areas: BTreeMap<String, Area> = BTreeMap::new();
-    read_samples(run, config, Wanted::All, &mut Vec::new(), &mut |name, _, sample| {
-        areas.entry(name.to_owned()).or_insert_with(|| Area::new(config, name)).add(sample);
-    })?;
-    let fill = |(name, area): (&String, &Area)| {
-        let corners = area.corners_m?;
-        Some((name.clone(), empty_map(config, name, &corners, None, None).ok()?))
-    };
-    let mut maps: BTreeMap<String, SensorMap> = areas.iter().filter_map(fill).collect();
-    read_samples(run, config, Wanted::All, &mut Vec::new(), &mut |name, _, sample| {
+    let (extents, flown) = extents_of(run, config, Wanted::All, &|_, _| Some(true))?;
+    let begin =
+        |(name, extent): (&String, &Extent)| Some((name.clone(), empty_map(config, name, extent, None, None).ok()?));
+    let mut maps: BTreeMap<String, SensorMap> = extents.iter().filter_map(begin).collect();
+    read_samples(run, config, Wanted::All, flown.read, &mut |name, _, sample| {
         if let Some(map) = maps.get_mut(name) {
             map.add(sample);
         }
     })?;
-    maps.retain(|_, map| map.grid().has_scale());
     maps.values_mut().for_each(|map| map.grid_mut().refresh_all());
     Ok(maps)
 }
 
-/// Smallest rectangle around the samples of a sensor.
-struct Area {
-    /// The map whose conversion selects the samples.
-    map: Option<SensorMap>,
-    corners_m: Option<[[f64; 2]; 2]>,
-}
-
-impl Area {
-    fn new(config: &LoggerConfig, name: &str) -> Self {
-        let map = config.sensor(name).and_then(|sensor| SensorMap::new(config, &sensor, 1).ok().flatten());
-        Self { map, corners_m: None }
-    }
-
-    fn add(&mut self, sample: &Sample) {
-        let Some((place, _)) = self.map.as_ref().and_then(|map| map.point(sample)) else { return };
-        let [low, high] = self.corners_m.get_or_insert([place; 2]);
-        for k in 0..2 {
-            (low[k], high[k]) = (low[k].min(place[k]), high[k].max(place[k]));
+/// Reads the run for the extents of the chosen samples by sensor. `chosen` returns whether a sample is one of them,
+/// `None` if no sample of its sensor can be.
+fn extents_of(
+    run: &Path,
+    config: &LoggerConfig,
+    wanted: Wanted,
+    chosen: &dyn Fn(&str, &Sample) -> Option<bool>,
+) -> Answer<(BTreeMap<String, Extent>, Flown)> {
+    let mut extents: BTreeMap<String, Extent> = BTreeMap::new();
+    let flown = read_samples(run, config, wanted, u64::MAX, &mut |name, origin, sample| {
+        let Some(is_chosen) = chosen(name, sample) else { return };
+        let extent = extents.entry(name.to_owned()).or_insert_with(|| Extent::new(config, name));
+        if is_chosen {
+            extent.add(origin, sample);
         }
-    }
+    })?;
+    Ok((extents, flown))
 }
 
 fn is_between(args: &Args, across_m: f64) -> bool {
@@ -208,28 +196,11 @@ fn override_settings(config: &mut LoggerConfig, args: &Args) {
     }
 }
 
-/// Computes the map of one sensor, or returns the reason why it has none.
-fn sensor_map(config: &LoggerConfig, args: &Args, name: &str, measured: &SensorSamples) -> Result<SensorMap, String> {
-    let mut area = Area::new(config, name);
-    measured.samples.iter().for_each(|sample| area.add(sample));
-    let corners = area.corners_m.unwrap_or([[f64::NAN; 2]; 2]);
-    let mut map = empty_map(config, name, &corners, args.cell, args.reach)?;
-    measured.samples.iter().for_each(|sample| map.add(sample));
-    if !map.grid().has_scale() {
-        return Err(
-            "all its readings are equal, so they do not show how large an error may be; state its standard deviation with --sigma"
-                .to_owned(),
-        );
-    }
-    map.grid_mut().refresh_all();
-    Ok(map)
-}
-
-/// Returns an empty map around these corners, or the reason why the sensor has none.
+/// Returns an empty map for these samples, or the reason why they give none.
 fn empty_map(
     config: &LoggerConfig,
     name: &str,
-    corners_m: &[[f64; 2]],
+    extent: &Extent,
     cell_m: Option<f64>,
     reach_m: Option<f64>,
 ) -> Result<SensorMap, String> {
@@ -237,9 +208,17 @@ fn empty_map(
     let Some(empty) = SensorMap::new(config, &sensor, 1).map_err(|error| error.to_string())? else {
         return Err("its `map_value` is 0".to_owned());
     };
-    let spec = grid_around(corners_m, cell_m).ok_or("none of its readings has a value and a position")??;
+    let corners_m = extent.corners_m.unwrap_or([[f64::NAN; 2]; 2]);
+    let spec = grid_around(&corners_m, cell_m).ok_or("none of its readings has a value and a position")??;
     let options = GridOptions { reach_m: reach_m.unwrap_or(4.0 * spec.cell_m), ..config.options(&sensor, spec.cell_m) };
-    Ok(empty.with_grid(GridMap::new(spec, options).map_err(|error| error.to_string())?))
+    let map = empty.with_grid(GridMap::new(spec, options).map_err(|error| error.to_string())?);
+    if !extent.has_scale() {
+        return Err(
+            "all its readings are equal, so they do not show how large an error may be; state its standard deviation with --sigma"
+                .to_owned(),
+        );
+    }
+    Ok(map)
 }
 
 /// Returns a grid around the points; without a given cell size, with cells of a round size.
@@ -266,7 +245,7 @@ fn grid_around(points: &[[f64; 2]], cell_m: Option<f64>) -> Option<Result<GridSp
 }
 
 /// Returns a description of a map as JSON and as a sentence.
-fn describe(name: &str, map: &SensorMap, measured: &SensorSamples, written: &[PathBuf]) -> (Value, String) {
+fn describe(name: &str, map: &SensorMap, extent: &Extent, written: &[PathBuf]) -> (Value, String) {
     let spec = map.grid().spec();
     let known: Vec<(f64, f64)> = spec.places().filter_map(|(column, row)| map.value(column, row)).collect();
     let low = known.iter().map(|(value, _)| *value).fold(f64::INFINITY, f64::min);
@@ -276,10 +255,10 @@ fn describe(name: &str, map: &SensorMap, measured: &SensorSamples, written: &[Pa
     let median = sigmas.get(sigmas.len() / 2).copied();
     let counts = map.grid().counts();
     let [quantity, unit] = map.names();
-    let origin = measured.origin();
+    let origin = extent.origin();
     let mixed_m = map.mixed_m();
     let value = json!({
-        "sensor": name, "samples_are": origin, "computed": measured.computed, "across_axis": map.plane().across_axis(), "mixed_m": mixed_m, "samples": counts.inside, "left_out": measured.samples.len() as u64 - counts.inside,
+        "sensor": name, "samples_are": origin, "computed": extent.computed, "across_axis": map.plane().across_axis(), "mixed_m": mixed_m, "samples": counts.inside, "left_out": extent.samples - counts.inside,
         "quantity": quantity, "unit": unit, "axes": map.plane().axes(),
         "origin_m": spec.origin_m, "cell_m": spec.cell_m, "columns": spec.columns, "rows": spec.rows,
         "reach_m": map.grid().options().reach_m, "known_cells": known.len(), "low": low, "high": high,

@@ -4,12 +4,12 @@
 //! and longitude of every cell. Unknown cells have the fill value of the format.
 
 use super::columns::mapped;
+use super::extent::Extent;
 use super::files::write_failure;
 use super::globe::Globe;
 use super::read::RunTime;
 use command::Answer;
 use georeference::{Plane, SensorMap};
-use messages::Sample;
 use netcdf3::{DataSet, FileWriter, InvalidDataSet, NC_FILL_F64, Version};
 use std::path::{Path, PathBuf};
 
@@ -51,7 +51,7 @@ pub(super) fn write(
     folder: &Path,
     name: &str,
     map: &SensorMap,
-    samples: &[Sample],
+    extent: &Extent,
     time: &RunTime,
     globe: Option<&Globe>,
 ) -> Answer<PathBuf> {
@@ -59,9 +59,8 @@ pub(super) fn write(
     let globe = globe.filter(|_| map.plane() == Plane::Level);
     let [a, b] = map.plane().axes();
     let spec = map.grid().spec();
-    let stamps = samples.iter().map(|sample| sample.header.stamp_ns);
-    let period = stamps.clone().min().zip(stamps.max());
-    let variables: Vec<Variable<'_>> = coordinates(map, samples)
+    let period = extent.period_ns;
+    let variables: Vec<Variable<'_>> = coordinates(map, extent)
         .into_iter()
         .chain(period.and_then(|period| times(time, period)).into_iter().flatten())
         .chain(globe.map(|globe| places(map, globe)).into_iter().flatten())
@@ -105,7 +104,7 @@ fn define(data: &mut DataSet, variables: &[Variable<'_>], sizes: &[(&str, usize)
 }
 
 /// The axes of the map, and where it is across its plane.
-fn coordinates<'a>(map: &SensorMap, samples: &[Sample]) -> Vec<Variable<'a>> {
+fn coordinates<'a>(map: &SensorMap, extent: &Extent) -> Vec<Variable<'a>> {
     let spec = map.grid().spec();
     let [a, b] = map.plane().axes();
     let axis = |name: &'static str, values: Vec<f64>, dimensions: &[&'a str]| {
@@ -123,9 +122,7 @@ fn coordinates<'a>(map: &SensorMap, samples: &[Sample]) -> Vec<Variable<'a>> {
     let up = (0..spec.rows).map(|row| spec.centre(0, row)[1]).collect();
     let mut variables = vec![axis(a, along, &[a]), axis(b, up, &[b])];
     if !map.looks_down() {
-        let across: Vec<f64> = samples.iter().map(|sample| map.plane().across(sample.position_m)).collect();
-        let mean_m = across.iter().sum::<f64>() / across.len().max(1) as f64;
-        variables.push(axis(map.plane().across_axis(), vec![mean_m], &[]));
+        variables.push(axis(map.plane().across_axis(), vec![extent.mean_across_m()], &[]));
     }
     variables
 }
@@ -221,7 +218,8 @@ fn describe(
             "summary",
             format!(
                 "{quantity} with its standard deviation in cells of {} m, from {} samples with the places of the \
-                 sensor, by ordinary kriging of nearby samples. Cells without samples within reach are unknown.",
+                 sensor: by local linear regression, and by ordinary kriging in cells without samples. Cells without \
+                 samples within reach are unknown.",
                 spec.cell_m,
                 map.grid().counts().inside
             ),
@@ -246,20 +244,21 @@ fn describe(
 
 #[cfg(test)]
 mod tests {
+    use super::super::merge::Origin;
     use super::*;
     use config::{LoggedSensorSection, SensorLoggerSection, SiteSection};
     use georeference::{LoggerConfig, SensorConfig};
-    use messages::{Header, put_text};
+    use messages::{Header, Sample, put_text};
     use netcdf3::FileReader;
     use runlog::RunClock;
 
     /// A field of degrees that grows with x; samples at two heights.
-    fn map() -> (SensorMap, Vec<Sample>) {
+    fn map() -> (SensorMap, Extent) {
         let section = SensorLoggerSection { map_cell_m: Some(0.1), ..SensorLoggerSection::default() };
         let config = LoggerConfig { section, plane: Plane::Level, area_m: [[0.0; 2], [2.0, 1.0]] };
         let sensor = SensorConfig { section: LoggedSensorSection::default(), time_sigma_s: 0.0 };
         let mut map = SensorMap::new(&config, &sensor, 64).unwrap().unwrap();
-        let mut samples = Vec::new();
+        let mut extent = Extent::new(&config, "probe");
         for i in 0..2000_u32 {
             let (x, y) = (f64::from(i % 100) * 0.02, f64::from(i / 100) * 0.03);
             let header = Header::at(1_000_000_000 + u64::from(i) * 10_000_000);
@@ -268,15 +267,15 @@ mod tests {
             put_text(&mut sample.quantity, "temperature");
             put_text(&mut sample.unit, "°C");
             map.add(&sample);
-            samples.push(sample);
+            extent.add(Origin::Recorded, &sample);
         }
         map.grid_mut().refresh_all();
-        (map, samples)
+        (map, extent)
     }
 
     #[test]
     fn the_file_has_the_cells_of_the_map_with_their_places_and_time() {
-        let (map, samples) = map();
+        let (map, extent) = map();
         let time = RunTime::new(Some(RunClock { t0_mono_ns: 0, t0_unix_ns: 1_790_000_000_000_000_000 }), 0);
         let globe = Globe::new(&SiteSection { latitude_deg: 34.0, longitude_deg: -118.0, azimuth_deg: 30.0 });
         let folder = tempfile::tempdir().unwrap();
@@ -284,7 +283,7 @@ mod tests {
         let out = std::env::var_os("NIMS_KEEP").map_or_else(|| folder.path().to_owned(), PathBuf::from);
         // A file of a run before is replaced.
         std::fs::write(out.join("probe.nc"), "old").unwrap();
-        let path = write(&out, "probe", &map, &samples, &time, Some(&globe)).unwrap();
+        let path = write(&out, "probe", &map, &extent, &time, Some(&globe)).unwrap();
         let mut reader = FileReader::open(&path).unwrap();
         let mut values = |name: &str| reader.read_var_f64(name).unwrap();
         let spec = map.grid().spec();

@@ -1,6 +1,8 @@
 //! Reads the samples of a run: those that the sensor logger recorded, and those that the same code computes from the
 //! readings.
 
+use super::flown::FlownPath;
+use super::merge::{Merge, Origin};
 use crate::report::load_robot_file;
 use crate::runs::progress;
 use command::{Answer, Failure};
@@ -8,31 +10,12 @@ use config::{RobotFile, SensorLoggerSection};
 use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{MotorAuthority, NodeEstimate, Sample};
 use runlog::{Attachment, RecordedSample, RunClock, RunReader, system_file_text, utc};
-use std::collections::{HashMap, VecDeque};
+use std::collections::HashMap;
 use std::path::Path;
-
-/// Minimum distance of points on the drawn path, m.
-const STEP_M: f64 = 0.01;
-
-/// Time around a recorded sample for which its sensor counts as recorded, ns: the sensor logger leaves out single
-/// readings on purpose, and a restart takes longer.
-const APART_NS: u64 = 2_000_000_000;
-/// Age from which a stretch of recorded samples is forgotten, ns: readings arrive in about their order.
-const LONG_NS: u64 = 60_000_000_000;
-
-/// Origin of a sample.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Origin {
-    /// Recorded in flight by the sensor logger.
-    Recorded,
-    /// Computed from readings and estimates.
-    #[default]
-    Computed,
-}
 
 /// Which samples of a run are wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wanted {
+pub(super) enum Wanted {
     /// The recorded ones, and computed ones where the sensor logger recorded none.
     All,
     /// Every one computed again.
@@ -121,19 +104,29 @@ fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> 
     }
 }
 
-/// Passes the wanted samples of every sensor to `take` as name, origin and sample, in memory that does not grow with
-/// the run. Computed samples follow some seconds after the recorded ones of their time.
-/// Adds the names of all sensors to `sensors` and returns the flown path.
+/// What was read of a run.
+pub(super) struct Flown {
+    /// The flown path.
+    pub path: FlownPath,
+    /// Names of the sensors.
+    pub sensors: Vec<String>,
+    /// Number of samples of all channels.
+    pub read: u64,
+}
+
+/// Passes the wanted samples of every sensor to `take` as name, origin and sample, those of a sensor in the order of
+/// their times, in memory that does not grow with the run. Reads no more than `most` samples of all channels, so that
+/// a run that is still being recorded can be read twice.
 ///
 /// # Errors
 /// The run cannot be read.
-pub fn read_samples(
+pub(super) fn read_samples(
     run: &Path,
     config: &LoggerConfig,
     wanted: Wanted,
-    sensors: &mut Vec<String>,
+    most: u64,
     take: &mut dyn FnMut(&str, Origin, &Sample),
-) -> Answer<Vec<[f64; 3]>> {
+) -> Answer<Flown> {
     let mut reader = RunReader::open(run)?;
     let mut show = progress("reading");
     let mut samples = SampleReader {
@@ -144,21 +137,20 @@ pub fn read_samples(
         wanted,
         waiting: Vec::new(),
         now_ns: 0,
-        track: Vec::new(),
+        flown: Flown { path: FlownPath::new(), sensors: Vec::new(), read: 0 },
     };
-    let mut count = 0_u64;
-    loop {
-        if count.is_multiple_of(4096) {
+    while samples.flown.read < most {
+        if samples.flown.read.is_multiple_of(4096) {
             show(reader.position(), reader.bytes());
         }
-        count += 1;
         let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
-        samples.add(&recorded, sensors, take);
+        samples.flown.read += 1;
+        samples.add(&recorded, take);
     }
     show(reader.bytes(), reader.bytes());
     samples.emit(u64::MAX, take);
     samples.release(u64::MAX, take);
-    Ok(samples.track)
+    Ok(samples.flown)
 }
 
 /// The logger with the channels of a run.
@@ -170,25 +162,20 @@ struct SampleReader<'a> {
     names: Vec<String>,
     wanted: Wanted,
     /// Of each sensor, by name.
-    waiting: Vec<(String, Undecided)>,
+    waiting: Vec<(String, Merge)>,
     now_ns: u64,
-    track: Vec<[f64; 3]>,
+    flown: Flown,
 }
 
 impl SampleReader<'_> {
-    fn add(
-        &mut self,
-        recorded: &RecordedSample<'_>,
-        sensors: &mut Vec<String>,
-        take: &mut dyn FnMut(&str, Origin, &Sample),
-    ) {
+    fn add(&mut self, recorded: &RecordedSample<'_>, take: &mut dyn FnMut(&str, Origin, &Sample)) {
         let channel = recorded.channel.name.as_str();
         if let Some(slot) = ["node/estimate/a", "node/estimate/b"].iter().position(|name| *name == channel) {
             if let Some(estimate) = recorded.decode::<NodeEstimate>() {
                 self.logger.estimate(slot, &estimate);
                 self.now_ns = self.now_ns.max(estimate.header.stamp_ns);
-                if estimate.valid == 1 && self.track.last().is_none_or(|last| is_apart(last, &estimate.position_m)) {
-                    self.track.push(estimate.position_m);
+                if estimate.valid == 1 {
+                    self.flown.path.add(estimate.position_m);
                 }
                 self.emit(self.now_ns, take);
                 self.release(self.now_ns, take);
@@ -199,15 +186,15 @@ impl SampleReader<'_> {
             }
         } else if let Some(name) = channel.strip_prefix("sample/") {
             if let Some(sample) = recorded.decode::<Sample>() {
-                add_name(sensors, name);
+                add_name(&mut self.flown.sensors, name);
                 if self.wanted == Wanted::All {
-                    self.undecided(name).is_recorded(sample.header.stamp_ns);
-                    take(name, Origin::Recorded, &sample);
+                    self.merge(name).add_recorded(&sample);
+                    self.release(self.now_ns, take);
                 }
             }
         } else if let Some(name) = channel.strip_prefix("sensor/") {
             if !self.numbers.contains_key(&recorded.index) {
-                add_name(sensors, name);
+                add_name(&mut self.flown.sensors, name);
                 let number = self.sensor(name, recorded);
                 self.numbers.insert(recorded.index, number);
             }
@@ -234,86 +221,33 @@ impl SampleReader<'_> {
             match self.wanted {
                 Wanted::All => {
                     let now_ns = self.now_ns;
-                    self.undecided(&name).computed.push_back((now_ns, sample));
+                    self.merge(&name).add_computed(now_ns, &sample);
                 }
                 Wanted::Computed => take(&name, Origin::Computed, &sample),
             }
         }
     }
 
-    fn undecided(&mut self, name: &str) -> &mut Undecided {
+    fn merge(&mut self, name: &str) -> &mut Merge {
         let at = self.waiting.iter().position(|(known, _)| known == name).unwrap_or_else(|| {
-            self.waiting.push((name.to_owned(), Undecided::default()));
+            self.waiting.push((name.to_owned(), Merge::default()));
             self.waiting.len() - 1
         });
         &mut self.waiting[at].1
     }
 
-    /// Passes the computed samples on whose time is known to have no recorded one.
+    /// Passes the samples on that are due.
     fn release(&mut self, now_ns: u64, take: &mut dyn FnMut(&str, Origin, &Sample)) {
-        for (name, undecided) in &mut self.waiting {
-            while let Some(sample) = undecided.next(now_ns) {
-                take(name, Origin::Computed, &sample);
+        for (name, merge) in &mut self.waiting {
+            while let Some((origin, sample)) = merge.next(now_ns) {
+                take(name, origin, &sample);
             }
         }
     }
-}
-
-/// Computed samples of a sensor that wait until it is known whether the sensor logger recorded any at their time.
-#[derive(Default)]
-struct Undecided {
-    /// Each with the time at which it was computed, ns.
-    computed: VecDeque<(u64, Sample)>,
-    /// First and last stamp of stretches in which samples were recorded, ns.
-    recorded: VecDeque<[u64; 2]>,
-}
-
-impl Undecided {
-    fn is_recorded(&mut self, stamp_ns: u64) {
-        self.forget_before(stamp_ns);
-        match self.recorded.back_mut() {
-            Some([from_ns, to_ns]) if is_near([*from_ns, *to_ns], stamp_ns) => {
-                (*from_ns, *to_ns) = ((*from_ns).min(stamp_ns), (*to_ns).max(stamp_ns));
-            }
-            _ => self.recorded.push_back([stamp_ns; 2]),
-        }
-    }
-
-    /// Drops the stretches long before a sample: they are no neighbours of later samples either.
-    fn forget_before(&mut self, stamp_ns: u64) {
-        while self.recorded.front().is_some_and(|[_, to_ns]| to_ns.saturating_add(LONG_NS) < stamp_ns) {
-            self.recorded.pop_front();
-        }
-    }
-
-    /// Returns the next sample that the sensor logger did not record.
-    fn next(&mut self, now_ns: u64) -> Option<Sample> {
-        while let Some((at_ns, sample)) = self.computed.front() {
-            if at_ns.saturating_add(2 * APART_NS) > now_ns {
-                return None;
-            }
-            let stamp_ns = sample.header.stamp_ns;
-            self.forget_before(stamp_ns);
-            let known = self.recorded.iter().any(|stretch| is_near(*stretch, stamp_ns));
-            let (_, sample) = self.computed.pop_front()?;
-            if !known {
-                return Some(sample);
-            }
-        }
-        None
-    }
-}
-
-fn is_near([from_ns, to_ns]: [u64; 2], stamp_ns: u64) -> bool {
-    (from_ns.saturating_sub(APART_NS)..=to_ns.saturating_add(APART_NS)).contains(&stamp_ns)
 }
 
 fn add_name(sensors: &mut Vec<String>, name: &str) {
     if !sensors.iter().any(|known| known == name) {
         sensors.push(name.to_owned());
     }
-}
-
-fn is_apart(a: &[f64; 3], b: &[f64; 3]) -> bool {
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() > STEP_M * STEP_M
 }
