@@ -139,6 +139,24 @@ fn flights_of_before_are_neither_replaced_nor_mixed_with_new_ones() {
     }
 }
 
+/// Median and largest figure of the flights that reached the end.
+#[test]
+fn flights_that_differ_only_in_their_worlds_are_one_line() {
+    let output = fly("demo3", &["--sweep", "controller.law=lq-endpoint,p-feedforward", "--world", "1..2"]);
+    let rms: Vec<f64> = flights(&output).iter().map(|flight| number(flight, "/tracking/rms_m")).collect();
+    let over = output.value["over_worlds"].as_array().unwrap();
+    assert_eq!(over.iter().map(|one| &one["name"]).collect::<Vec<_>>(), ["law=lq-endpoint", "law=p-feedforward"]);
+    let spread = [number(&over[1], "/tracking_rms_m/median"), number(&over[1], "/tracking_rms_m/max")];
+    assert_eq!(spread, [0.5 * (rms[2] + rms[3]), rms[2].max(rms[3])]);
+    assert!(over[1]["flights"] == serde_json::json!([3, 4]) && over[1]["completed"] == 2, "{}", over[1]);
+    assert!(output.words.contains("over the worlds"), "{}", output.words);
+    let heavy = fly("aq4", &["--set", "robot.net_weight_n=15.0", "--world", "1..2"]);
+    assert!(heavy.value["over_worlds"][0]["completed"] == 0, "{}", heavy.value);
+    assert!(heavy.value["over_worlds"][0]["truth_rms_m"].is_null(), "{}", heavy.value);
+    let why = heavy.value["flights"][0]["gave_up"].as_str().unwrap();
+    assert!(!why.is_empty() && heavy.words.contains(why), "{}", heavy.words);
+}
+
 /// Both templates compute the built-in p-feedforward law with its default gain, so all three fly alike, bit for bit.
 #[test]
 fn a_law_in_its_own_program_flies_as_a_built_in_one() {
@@ -180,6 +198,37 @@ fn the_laws_of_the_page_fly_alike_in_both_languages() {
     assert_eq!(rust[0]["energy_j"], python[0]["energy_j"]);
     let without = flights(&fly("aq4", &["--law", "p-feedforward", "--set", "controller.length_gain_per_s=1.5"]));
     assert_ne!(rust[0]["tracking"], without[0]["tracking"], "the integral makes no difference");
+}
+
+/// Without its integral, the law of the page computes p-feedforward with the same gain, bit for bit.
+#[test]
+fn a_sweep_gives_a_program_its_gains_and_flies_a_built_in_law_beside_it() {
+    let program =
+        format!("env P_PER_S={{controller.length_gain_per_s}} I_PER_S2={{i}} {}", env!("CARGO_BIN_EXE_pi-law"));
+    let sweeps = ["--sweep", "i=0,0.5", "--sweep", "controller.length_gain_per_s=1,3"];
+    let options = ["--law", "p-feedforward", "--program", &program, "--world", "2"];
+    let all = flights(&fly("aq4", &[&options[..], &sweeps[..]].concat()));
+    let names: Vec<&str> = all.iter().map(|flight| flight["name"].as_str().unwrap()).collect();
+    assert_eq!(
+        names[..2],
+        ["law=p-feedforward, length_gain_per_s=1, world 2", "law=p-feedforward, length_gain_per_s=3, world 2"]
+    );
+    assert_eq!(
+        names[2..4],
+        ["program, length_gain_per_s=1, i=0, world 2", "program, length_gain_per_s=3, i=0, world 2"]
+    );
+    assert_eq!(all.len(), 6);
+    for (built_in, own) in [(0, 2), (1, 3)] {
+        assert_eq!(all[built_in]["tracking"], all[own]["tracking"], "{own}");
+        assert_ne!(all[own]["tracking"], all[own + 2]["tracking"], "the integral makes no difference");
+    }
+    assert!(all[0]["program"].is_null() && all[0]["values"]["controller.law"] == "p-feedforward", "{}", all[0]);
+    assert!(all[5]["program"].as_str().unwrap().starts_with("env P_PER_S=3 I_PER_S2=0.5 "), "{}", all[5]);
+    assert!(all[5]["values"]["i"] == "0.5" && all[5]["number"] == 6, "{}", all[5]);
+    // One without a value is none of its own.
+    let system = project().join("configs/systems/aq4.toml");
+    let refused = nims_sim::run(&Cli::parse_from(["sim", system.to_str().unwrap(), "--program", "law {p}"]).args);
+    assert!(refused.is_err_and(|refused| refused.exit_code() == 2 && refused.to_string().contains("{p}")));
 }
 
 /// Both templates compute the same as the method of the template inside the flight, bit for bit.

@@ -4,7 +4,11 @@ use std::path::PathBuf;
 
 use command::{Answer, Failure};
 
+use crate::commands::Commands;
 use crate::variants::{Assignment, Sweep, Variant, Weather, Worlds, product};
+
+/// Key of the control law.
+const LAW: &str = "controller.law";
 
 /// Flights that one command flies at most: a typing error in a range would otherwise fill the disk.
 const MOST_FLIGHTS: usize = 10_000;
@@ -17,10 +21,11 @@ pub struct Args {
     /// Mission, by path or by name in the missions folder; default: that of the demonstration.
     #[arg(long)]
     pub mission: Option<PathBuf>,
-    /// Control law, as `law` of `[controller]`.
-    #[arg(long, conflicts_with = "program")]
+    /// Control law, as `law` of `[controller]`; with --program it flies beside the custom one.
+    #[arg(long)]
     pub law: Option<String>,
-    /// Custom law: the command of its program, which answers cycle by cycle over a pipe.
+    /// Custom law: the command of its program, which answers cycle by cycle over a pipe. In it, {KEY} stands for the
+    /// value of KEY in --set or --sweep.
     #[arg(long, value_name = "COMMAND")]
     pub program: Option<String>,
     /// Custom estimator: the command of its program, as for a law.
@@ -65,7 +70,7 @@ fn jobs(text: &str) -> Result<usize, String> {
 impl Args {
     /// Values that all flights have.
     pub(crate) fn all_sets(&self) -> Vec<Assignment> {
-        let law = self.law.iter().map(|law| Assignment { key: "controller.law".into(), value: law.clone() });
+        let law = self.law.iter().map(|law| Assignment { key: LAW.into(), value: law.clone() });
         law.chain(self.sets.iter().cloned()).collect()
     }
 
@@ -73,17 +78,42 @@ impl Args {
         Weather { spread: self.spread, wind_m_s: self.wind, warming_k: self.warming }
     }
 
-    /// Returns every flight that these arguments ask for.
+    /// Returns every flight that these arguments ask for: with --law and --program those of the built-in law first.
     ///
     /// # Errors
-    /// More than a command may fly.
+    /// More than a command may fly, or a key in a command without a value.
     pub(crate) fn variants(&self) -> Answer<Vec<Variant>> {
-        let (sets, weather) = (self.all_sets(), self.weather());
+        let commands = Commands { law: self.program.clone(), estimator: self.estimator_program.clone() };
+        let (Some(law), Some(_)) = (&self.law, &self.program) else {
+            return self.flights(&self.all_sets(), &self.sweeps, &commands, &commands);
+        };
+        let built_in = Commands { law: None, ..commands.clone() };
+        // It has no arguments.
+        let of_files = self.sweeps.iter().filter(|sweep| !commands.is_argument(&sweep.key) || built_in.has(&sweep.key));
+        let beside = Sweep { key: LAW.into(), values: vec![law.clone()] };
+        let sweeps: Vec<Sweep> = std::iter::once(beside).chain(of_files.cloned()).collect();
+        let mut variants = self.flights(&self.sets, &sweeps, &commands, &built_in)?;
+        for mut custom in self.flights(&self.sets, &self.sweeps, &commands, &commands)? {
+            (custom.number, custom.is_beside) = (variants.len() + 1, true);
+            variants.push(custom);
+        }
+        Ok(variants)
+    }
+
+    /// Returns every flight of these sweeps with `flown`, which are `commands` or a part of them.
+    fn flights(
+        &self,
+        sets: &[Assignment],
+        sweeps: &[Sweep],
+        commands: &Commands,
+        flown: &Commands,
+    ) -> Answer<Vec<Variant>> {
         let seeds = self.worlds.as_ref().map(|worlds| worlds.0.as_slice()).unwrap_or_default();
-        let count = self.sweeps.iter().map(|sweep| sweep.values.len()).product::<usize>() * seeds.len().max(1);
+        let count = sweeps.iter().map(|sweep| sweep.values.len()).product::<usize>() * seeds.len().max(1);
         if count > MOST_FLIGHTS {
             return Err(Failure::BadInput(format!("these are {count} flights; accepted: at most {MOST_FLIGHTS}")));
         }
-        Ok(product(&sets, &self.sweeps, seeds, weather))
+        let variants = product(sets, sweeps, seeds, self.weather()).into_iter();
+        variants.map(|variant| variant.with_commands(commands, flown)).collect()
     }
 }

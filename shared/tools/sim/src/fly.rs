@@ -9,11 +9,12 @@ use controller::program::{ProgramLaw, Waits};
 use estimator::Estimator;
 use estimator::program::ProgramEstimator;
 use lockstep::{Chain, Cycle, Flight, Observed, Scenario, fly_chain};
-use messages::MotorAuthority;
+use messages::{MotorAuthority, PlanStatus, text_of};
 use motor_box::BoxConfig;
 use planner::Mission;
 
 use crate::args::Args;
+use crate::commands::Commands;
 use crate::tape::{Tape, true_node};
 
 /// Cycles between two samples of `plan/status`, about as in the planner's process.
@@ -37,31 +38,39 @@ pub(crate) struct Flown {
     /// Time since arming, s, and distances of estimate and truth to the setpoint, m.
     pub distances: Vec<[f64; 3]>,
     pub period_s: f64,
+    /// Why the robot gave up the mission; empty if it did not.
+    pub gave_up: String,
 }
 
-/// Flies the system file in `folder`, and records it there if the runs are kept.
-pub(crate) fn fly(folder: &Path, args: &Args) -> Flown {
-    let mut flown = Flown { ended: Ended::Failed(String::new()), distances: Vec::new(), period_s: 0.0 };
-    flown.ended = match try_fly(folder, args, &mut flown) {
+/// True where the mission was flown to its end.
+pub(crate) fn is_completed(flight: &Flight) -> bool {
+    flight.state == PlanStatus::STATE_DONE
+}
+
+/// Flies the system file in `folder` with these programs, and records it there if the runs are kept.
+pub(crate) fn fly(folder: &Path, args: &Args, commands: &Commands) -> Flown {
+    let mut flown =
+        Flown { ended: Ended::Failed(String::new()), distances: Vec::new(), period_s: 0.0, gave_up: String::new() };
+    flown.ended = match try_fly(folder, args, commands, &mut flown) {
         Ok(flight) => Ended::Done(Box::new(flight)),
         Err(error) => Ended::Failed(format!("{error:#}")),
     };
     flown
 }
 
-fn try_fly(folder: &Path, args: &Args, flown: &mut Flown) -> Result<Flight> {
+fn try_fly(folder: &Path, args: &Args, commands: &Commands, flown: &mut Flown) -> Result<Flight> {
     let system = folder.join("system.toml");
     let file = SystemFile::load(&system)?;
     let (scenario, mut chain) = (scenario(&file, args)?, Chain::from_file(&file)?);
     flown.period_s = scenario.period_s;
     let mut complaints = Vec::new();
     let (cables, waits) = (scenario.robot.cable_count(), Waits::in_lockstep());
-    if let Some(program) = &args.program {
+    if let Some(program) = &commands.law {
         let law = ProgramLaw::start(program, &system, cables, waits)?;
         complaints.push(law.complaint());
         chain.controller = Controller::with_law(*chain.controller.config(), Box::new(law));
     }
-    if let Some(program) = &args.estimator_program {
+    if let Some(program) = &commands.estimator {
         let program = ProgramEstimator::start(program, &system, cables, waits)?;
         complaints.push(program.complaint());
         chain.estimator = Estimator::with_program(chain.estimator.config(), program);
@@ -76,6 +85,10 @@ fn try_fly(folder: &Path, args: &Args, flown: &mut Flown) -> Result<Flight> {
             anyhow::bail!(complaint);
         }
         flown.distances.extend(distances(seen.cycle));
+        let plan = &seen.cycle.plan;
+        if plan.state == PlanStatus::STATE_ABORTED && flown.gave_up.is_empty() {
+            flown.gave_up = text_of(&plan.reason);
+        }
         tape.as_mut().map_or(Ok(()), |tape| record(tape, seen))
     });
     // A run that ended early is kept too: it shows why.

@@ -13,8 +13,10 @@
 #![forbid(unsafe_code)]
 
 mod args;
+mod commands;
 mod files;
 mod fly;
+mod groups;
 mod observation;
 mod page;
 mod steps;
@@ -62,11 +64,11 @@ pub fn run(args: &Args) -> Answer<Output> {
     }
     let variants = args.variants()?;
     let file = SystemFile::load(&args.system).map_err(Failure::bad)?;
-    let prepared = |variant: &Variant| variant.prepare(&args.system, &file.robot, &folder);
-    let folders = variants.iter().map(prepared).collect::<Answer<Vec<PathBuf>>>()?;
+    let prepared = |variant| Ok((variant, Variant::prepare(variant, &args.system, &file.robot, &folder)?));
+    let prepared = variants.iter().map(prepared).collect::<Answer<Vec<(&Variant, PathBuf)>>>()?;
     let progress = progress(variants.len());
-    let flown = command::parallel(&folders, args.jobs.unwrap_or_else(command::processors), |folder| {
-        let flown = fly::fly(folder, args);
+    let flown = command::parallel(&prepared, args.jobs.unwrap_or_else(command::processors), |(variant, folder)| {
+        let flown = fly::fly(folder, args, &variant.commands);
         progress.inc(1);
         flown
     });
@@ -78,7 +80,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         write(&folder.join("sim.json"), text)?;
         page::write(&folder, &rows)?;
     }
-    let reached = |flown: &Flown| matches!(&flown.ended, Ended::Done(flight) if table::is_completed(flight));
+    let reached = |flown: &Flown| matches!(&flown.ended, Ended::Done(flight) if fly::is_completed(flight));
     let failed = rows.iter().filter(|(_, flown)| !reached(flown)).count();
     let failure = (failed > 0)
         .then(|| Failure::NotNow(format!("{failed} of {} flights did not reach the end of the mission", rows.len())));

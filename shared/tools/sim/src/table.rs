@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use lockstep::{Deviation, Flight};
-use messages::PlanStatus;
 use serde_json::{Value, json};
 
-use crate::fly::{Ended, Flown};
+use crate::fly::{Ended, Flown, is_completed};
+use crate::groups;
 use crate::variants::Variant;
 
 /// Heads of the columns after the name of the flight.
@@ -24,22 +24,28 @@ pub(crate) fn json(rows: &[(&Variant, &Flown)]) -> Value {
         .iter()
         .map(|(variant, flown)| {
             let values: serde_json::Map<String, Value> =
-                variant.own.iter().map(|own| (own.key.clone(), json!(own.value))).collect();
+                variant.own.iter().chain(&variant.arguments).map(|own| (own.key.clone(), json!(own.value))).collect();
             let mut row = json!({
                 "number": variant.number,
                 "name": variant.name(),
                 "folder": variant.folder_name(),
                 "values": values,
+                "program": variant.commands.law,
+                "estimator_program": variant.commands.estimator,
                 "world": variant.world,
             });
             match &flown.ended {
                 Ended::Failed(why) => row["failed"] = json!(why),
-                Ended::Done(flight) => figures(&mut row, flight, flown.period_s),
+                Ended::Done(flight) => {
+                    figures(&mut row, flight, flown.period_s);
+                    row["gave_up"] = if flown.gave_up.is_empty() { Value::Null } else { json!(flown.gave_up) };
+                }
             }
             row
         })
         .collect();
-    json!({ "flights": flights })
+    let groups: Vec<Value> = groups::groups(rows).iter().map(groups::Group::json).collect();
+    json!({ "flights": flights, "over_worlds": groups })
 }
 
 fn figures(row: &mut Value, flight: &Flight, period_s: f64) {
@@ -59,11 +65,6 @@ fn figures(row: &mut Value, flight: &Flight, period_s: f64) {
     row["energy_j"] = json!(flight.energy_j);
 }
 
-/// True where the mission was flown to its end.
-pub(crate) fn is_completed(flight: &Flight) -> bool {
-    flight.state == PlanStatus::STATE_DONE
-}
-
 fn columns(flight: &Flight) -> [String; 8] {
     let mm = |deviation: Deviation| format!("{:.2} / {:.2}", deviation.rms_m * 1e3, deviation.max_m * 1e3);
     let [low, high] = flight.tension_range_n;
@@ -79,6 +80,23 @@ fn columns(flight: &Flight) -> [String; 8] {
     ]
 }
 
+/// Formats lines in columns: the first one left, the others right.
+fn aligned(lines: &[Vec<String>]) -> String {
+    let columns = lines.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| lines.iter().filter_map(|line| line.get(column)).map(|cell| cell.chars().count()).max();
+    let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
+    let mut text = String::new();
+    for line in lines {
+        let cells = line.iter().zip(&widths).enumerate().map(|(column, (cell, &width))| match column {
+            0 => format!("{cell:width$}"),
+            _ => format!("{cell:>width$}"),
+        });
+        let line = cells.collect::<Vec<_>>().join("  ");
+        let _ = writeln!(text, "{}", line.trim_end());
+    }
+    text
+}
+
 /// Returns the table for a terminal.
 pub(crate) fn text(rows: &[(&Variant, &Flown)], out: Option<&Path>) -> String {
     let mut lines: Vec<Vec<String>> = vec![std::iter::once("flight").chain(HEADS).map(str::to_owned).collect()];
@@ -89,7 +107,11 @@ pub(crate) fn text(rows: &[(&Variant, &Flown)], out: Option<&Path>) -> String {
             Ended::Done(flight) => {
                 line.extend(columns(flight));
                 if !is_completed(flight) {
-                    let _ = writeln!(failed, "{}: the robot gave up the mission", variant.name());
+                    let why = match flown.gave_up.as_str() {
+                        "" => "the mission did not end in time".to_owned(),
+                        why => format!("the robot gave up the mission: {why}"),
+                    };
+                    let _ = writeln!(failed, "{}: {why}", variant.name());
                 }
             }
             Ended::Failed(why) => {
@@ -99,18 +121,15 @@ pub(crate) fn text(rows: &[(&Variant, &Flown)], out: Option<&Path>) -> String {
         }
         lines.push(line);
     }
-    let width = |column: usize| lines.iter().filter_map(|line| line.get(column)).map(|cell| cell.chars().count()).max();
-    let widths: Vec<usize> = (0..=HEADS.len()).map(|column| width(column).unwrap_or(0)).collect();
-    let mut text = String::new();
-    for line in &lines {
-        let cells = line.iter().zip(&widths).enumerate().map(|(column, (cell, &width))| match column {
-            0 => format!("{cell:width$}"),
-            _ => format!("{cell:>width$}"),
-        });
-        let line = cells.collect::<Vec<_>>().join("  ");
-        let _ = writeln!(text, "{}", line.trim_end());
-    }
+    let mut text = aligned(&lines);
     let _ = write!(text, "{failed}{LEGEND}");
+    let groups = groups::groups(rows);
+    if !groups.is_empty() {
+        let mut lines: Vec<Vec<String>> = Vec::new();
+        lines.push(std::iter::once("over the worlds").chain(groups::HEADS).map(str::to_owned).collect());
+        lines.extend(groups.iter().map(groups::Group::line));
+        let _ = write!(text, "\n\n{}{}", aligned(&lines), groups::LEGEND);
+    }
     if let Some(out) = out {
         let _ = write!(text, "\nruns and charts: {}; `nims report` opens each run", out.display());
     }

@@ -8,6 +8,7 @@ use command::{Answer, Failure};
 use config::RobotFile;
 use toml_edit::{DocumentMut, Item, Table, Value};
 
+use crate::commands::Commands;
 use crate::files;
 
 /// Sections of the robot file. `robot.KEY` is a key of its `[robot]`; the system file has no section of that name.
@@ -59,6 +60,12 @@ pub struct Variant {
     common: Vec<Assignment>,
     /// Values that distinguish this flight.
     pub own: Vec<Assignment>,
+    /// Those of them that are arguments of its programs.
+    pub arguments: Vec<Assignment>,
+    /// Its custom programs.
+    pub commands: Commands,
+    /// A built-in law flies beside its program.
+    pub is_beside: bool,
     /// Seed of its world; `None`: that of the system file.
     pub world: Option<u64>,
     weather: Weather,
@@ -144,6 +151,9 @@ pub fn product(common: &[Assignment], sweeps: &[Sweep], seeds: &[u64], weather: 
         number: index + 1,
         common: common.to_vec(),
         own,
+        arguments: Vec::new(),
+        commands: Commands::default(),
+        is_beside: false,
         world,
         weather,
     });
@@ -151,14 +161,35 @@ pub fn product(common: &[Assignment], sweeps: &[Sweep], seeds: &[u64], weather: 
 }
 
 impl Variant {
+    /// Returns the flight with custom programs, which are `commands` or a part of them. Values of `commands` alone are
+    /// not set in the files.
+    ///
+    /// # Errors
+    /// A key in a command has no value.
+    pub(crate) fn with_commands(self, commands: &Commands, flown: &Commands) -> Answer<Self> {
+        let (arguments, own): (Vec<_>, Vec<_>) = self.own.into_iter().partition(|own| commands.is_argument(&own.key));
+        let (common_arguments, common): (Vec<_>, Vec<_>) =
+            self.common.into_iter().partition(|set| commands.is_argument(&set.key));
+        let all = || arguments.iter().chain(&own).chain(&common_arguments).chain(&common);
+        let value = |key: &str| Some(all().find(|set| set.key == key)?.value.clone());
+        let commands = flown.filled(value)?;
+        Ok(Self { common, own, arguments, commands, ..self })
+    }
+
     /// What distinguishes the flight, such as `law=preview, world 3`.
     #[must_use]
     pub fn name(&self) -> String {
-        let short = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
-        let own = self.own.iter().map(|own| format!("{}={}", short(&own.key), own.value));
         let world = self.world.map(|seed| format!("world {seed}"));
-        let parts: Vec<String> = own.chain(world).collect();
+        let parts: Vec<String> = std::iter::once(self.label()).filter(|label| !label.is_empty()).chain(world).collect();
         if parts.is_empty() { "as configured".to_owned() } else { parts.join(", ") }
+    }
+
+    /// What distinguishes the flight from others in the same world; empty if nothing does.
+    pub(crate) fn label(&self) -> String {
+        let short = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
+        let program = self.is_beside.then(|| "program".to_owned());
+        let own = self.own.iter().chain(&self.arguments).map(|own| format!("{}={}", short(&own.key), own.value));
+        program.into_iter().chain(own).collect::<Vec<_>>().join(", ")
     }
 
     /// Name of its run folder.
