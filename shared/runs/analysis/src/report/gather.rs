@@ -4,6 +4,7 @@ use super::deviation::Deviations;
 use super::events::Events;
 use super::in_charge::InCharge;
 use super::legs::Legs;
+use super::losses::Losses;
 use super::samples::Sensors;
 use super::trace::{DecimatedPoints, Trace};
 use super::wear::WearSum;
@@ -161,6 +162,8 @@ pub struct RunData {
     pub periods: Periods,
     /// Accumulated lost periods, by cause.
     pub losses: [Trace; 4],
+    /// Stretches of lost periods.
+    pub lost: Losses,
     /// Times of a cycle: tick to wake-up, bus exchange, oldest reading to command, publication of the state to that of
     /// the command that answers it.
     pub times: [StepTimes; 4],
@@ -320,6 +323,7 @@ impl Collector {
             power: [trace(), trace()],
             periods: Periods::default(),
             losses: [trace(), trace(), trace(), trace()],
+            lost: Losses::default(),
             times: [times()?, times()?, times()?, times()?],
             rate: trace(),
             modes: Vec::new(),
@@ -403,6 +407,7 @@ impl Collector {
         data.rate.add(time_s, authority.plan_rate);
         data.mode_and_slots(time_s, authority);
         data.events.cycle(time_s, authority);
+        data.lost.cycle(time_s, authority);
         data.legs.cycle(time_s, cycle);
         data.deviations.cycle(time_s, cycle, cycle.segment.and_then(|_| data.legs.current()));
         data.in_charge.cycle(time_s, cycle);

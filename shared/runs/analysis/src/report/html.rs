@@ -105,7 +105,7 @@ pub fn page(runs: &[RunAssessment]) -> String {
     section(&mut out, runs, "Control cycle", |assessment| Part {
         before: timing_table(&assessment.run),
         figures: charts::timing(&assessment.run),
-        after: tables::units(&assessment.run) + &process_table(&assessment.run),
+        after: tables::losses(&assessment.run) + &tables::units(&assessment.run) + &process_table(&assessment.run),
     });
     if runs.iter().any(|assessment| !assessment.run.sensors.channels().is_empty()) {
         section(&mut out, runs, "Sensors", |assessment| {

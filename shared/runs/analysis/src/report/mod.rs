@@ -10,6 +10,7 @@ mod html;
 mod in_charge;
 mod legs;
 mod limits;
+mod losses;
 mod map_charts;
 mod maps;
 mod robot;
@@ -125,6 +126,7 @@ fn sentences(assessment: &RunAssessment) -> Vec<String> {
     let mut words = vec![format!("{}: {}", run.name, verdict.sentence)];
     words.extend(deviations.last().map(|worst| format!("deviation  {}", worst.sentence)));
     words.extend(between.iter().flat_map(|between| between.words()));
+    words.extend(run.lost.words().map(|lost| format!("lost       {lost}")));
     let tensions = run.cables.iter().enumerate().filter_map(|(at, cable)| Some((at + 1, cable.tension.extremes()?[1])));
     let most = tensions.max_by(|one, other| one.1.total_cmp(&other.1));
     words.extend(most.map(|(cable, tension_n)| format!("tension    cable {cable} carried most, {tension_n:.1} N")));

@@ -70,6 +70,30 @@ pub fn in_charge(run: &RunData) -> String {
     words_table(&table) + &more
 }
 
+/// Renders when periods were not steered, and why.
+pub fn losses(run: &RunData) -> String {
+    if run.lost.stretches().is_empty() {
+        return String::new();
+    }
+    let mut table = Table::new("Periods that were not steered", &["s", "to, s", "UTC", "periods", "cause", "cycles"]);
+    for one in run.lost.stretches() {
+        let [first, last] = one.cycles;
+        table.row([
+            format!("{:.2}", one.from_s),
+            format!("{:.2}", one.to_s),
+            run.utc(one.from_s).unwrap_or_default(),
+            one.periods.to_string(),
+            one.cause.to_owned(),
+            if first == last { first.to_string() } else { format!("{first} to {last}") },
+        ]);
+    }
+    let more = match run.lost.left_out {
+        0 => String::new(),
+        more => format!("<p class=\"soft\">{more} further stretches are not listed.</p>\n"),
+    };
+    words_table(&table) + &more
+}
+
 /// Renders the drive units as they answered at the start.
 pub fn units(run: &RunData) -> String {
     if run.units.is_empty() {

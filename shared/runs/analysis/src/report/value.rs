@@ -1,6 +1,8 @@
 //! The figures of a run as JSON.
 
+use super::gather::RunData;
 use super::html::RunAssessment;
+use super::losses::Stretch;
 use serde_json::{Value, json};
 
 /// Returns the figures of a run.
@@ -44,15 +46,22 @@ pub fn value(assessment: &RunAssessment) -> Value {
             })
         })
         .collect();
+    let lost: Vec<Value> = run.lost.stretches().iter().map(|stretch| lost(run, stretch)).collect();
     // Lists have limits, so that a page stays readable.
-    let left_out =
-        json!({ "legs": run.legs.left_out, "events": run.events.left_out, "in_charge": run.in_charge.left_out });
+    let left_out = json!({ "legs": run.legs.left_out, "events": run.events.left_out, "in_charge": run.in_charge.left_out, "lost": run.lost.left_out });
     json!({
         "run": run.name, "verdict": verdict, "analysis": run.analysis, "flown_m": run.legs.flown_m(), "legs": legs, "cables": cables,
         "times": times, "faults": run.events.faults, "events": events, "sensors": sensors, "missions_done": run.missions,
-        "deviations": deviations, "between": between, "in_charge": run.in_charge.spans(), "drive_units": run.units, "world": run.world, "unsteered": run.periods.unsteered(), "version": runtime::build::description(),
+        "deviations": deviations, "between": between, "in_charge": run.in_charge.spans(), "drive_units": run.units, "world": run.world, "unsteered": run.periods.unsteered(), "lost": lost, "version": runtime::build::description(),
         "wear": run.wear.result(run.robot.as_ref()), "lacks": run.lacks, "left_out": left_out, "recording": { "healthy": run.recording.healthy, "verdict": run.recording.verdict,
             "started_utc": run.recording.started, "duration_s": run.recording.duration_s, "messages": run.recording.messages,
             "unrecorded_s": run.unrecorded_s(), "about": run.recording.about },
+    })
+}
+
+fn lost(run: &RunData, stretch: &Stretch) -> Value {
+    let Stretch { from_s, to_s, cycles, cause, periods } = stretch;
+    json!({
+        "from_s": from_s, "to_s": to_s, "utc": run.utc(*from_s), "cycles": cycles, "cause": cause, "periods": periods,
     })
 }
