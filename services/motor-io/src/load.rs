@@ -12,6 +12,7 @@
 //! is not known: a cable that breaks then is found later, and not at all under a ripple as large as the tension's
 //! current.
 
+use crate::settings::COUNTED_PERIOD_S;
 use cable_robot::motor::Motor;
 
 /// Least current of a tension, A, at which the current shows the tension; readings have steps of 10 mA.
@@ -33,7 +34,7 @@ const INERTIA_KG: f64 = 25.0;
 const LACKING_MOST: f64 = 1.0;
 const DRAWN_MOST: f64 = 3.0;
 /// Sum of missing shares over cycles at which a cable carries no load, if the readings have no spread: a quarter of a
-/// second of a broken cable.
+/// second of a broken cable. Above 250 Hz a cycle counts by its time, as [`COUNTED_PERIOD_S`] does.
 const LACKING_CYCLES: f64 = 12.0;
 /// Spread relative to the tension's current times this factor is the factor on [`LACKING_CYCLES`], from 1 to
 /// `LONGER_MOST`. Chosen with the next ones so that the sum stays below 0.65 of it in 285 flights of drawn worlds, and
@@ -120,7 +121,8 @@ impl LoadEvidence {
     pub(crate) fn advance(&mut self, motor: &Motor, winding: &Winding, period_s: f64) {
         self.unread = self.unread.saturating_add(1);
         let Some(read_a) = winding.current_a else { return };
-        let cycles = f64::from(self.unread.min(SPARSE_CYCLES));
+        let share = (period_s / COUNTED_PERIOD_S).min(1.0);
+        let cycles = (share * f64::from(self.unread)).min(f64::from(SPARSE_CYCLES));
         self.unread = 0;
         let Winding { tension_n, reel_in_m_s, slowing_m_s2, .. } = *winding;
         let idle_a = motor.current_a(0.0, reel_in_m_s);
@@ -129,7 +131,7 @@ impl LoadEvidence {
             return;
         }
         let current_a = read_a + INERTIA_KG * slowing_m_s2 / motor.force_constant_n_a;
-        let elapsed_s = cycles * period_s;
+        let elapsed_s = cycles * (period_s / share);
         let deviation_a = current_a - idle_a - drawn_a;
         self.mean_a += (deviation_a - self.mean_a) * (elapsed_s / MEAN_S).min(1.0);
         self.spread_a += ((deviation_a - self.mean_a).abs() - self.spread_a) * (elapsed_s / SPREAD_S).min(1.0);
@@ -180,4 +182,38 @@ fn margin_a(motor: &Motor, tension_n: f64, reel_in_m_s: f64, share: f64) -> f64 
     let gear_n = GEAR_SIGMA * motor.gear_friction * share * tension_n;
     let squares = [coulomb_n, viscous_n, force_n, gear_n].map(|n| n * n);
     squares.iter().sum::<f64>().sqrt() / motor.force_constant_n_a
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Time after which a cable is found that never carried its load of 20 N, s; its current is read in every so many
+    /// cycles.
+    fn found_after_s(rate_hz: f64, every: u32) -> f64 {
+        let motor = Motor::default();
+        let current_a = motor.current_a(0.0, 0.2);
+        let mut evidence = LoadEvidence::default();
+        for cycle in 1..=10_000_u32 {
+            let current_a = cycle.is_multiple_of(every).then_some(current_a);
+            let winding = Winding { tension_n: 20.0, reel_in_m_s: 0.2, slowing_m_s2: 0.0, current_a };
+            evidence.advance(&motor, &winding, 1.0 / rate_hz);
+            if evidence.is_unloaded() {
+                return f64::from(cycle) / rate_hz;
+            }
+        }
+        f64::INFINITY
+    }
+
+    #[test]
+    fn above_250_hz_evidence_takes_as_long_as_at_250_hz() {
+        let at_250_hz_s = found_after_s(250.0, 1);
+        assert!((0.03..0.3).contains(&at_250_hz_s), "{at_250_hz_s}");
+        for (rate_hz, every) in [(333.0, 1), (500.0, 1), (500.0, 2)] {
+            let found_s = found_after_s(rate_hz, every);
+            assert!((found_s - at_250_hz_s).abs() < 0.012, "{rate_hz} Hz, {every}: {found_s} after {at_250_hz_s}");
+        }
+        // Below, the number of cycles decides.
+        assert!((found_after_s(100.0, 1) / at_250_hz_s - 2.5).abs() < 0.2);
+    }
 }

@@ -29,8 +29,8 @@ const JUMP_MARGIN_M: f64 = 0.005;
 const RETURN_TOLERANCE_M: f64 = 0.005;
 /// Time over which a velocity is measured, ns.
 const VELOCITY_WINDOW_NS: u64 = 50_000_000;
-/// Readings kept for a velocity: enough for 250 cycles per second.
-const HISTORY: usize = 16;
+/// Readings kept for a velocity: those of the window at 500 cycles per second.
+const HISTORY: usize = 32;
 
 /// Credible motion of a unit's counts, for its cables (from 1): the bound of [`Odometry::read`] in counts.
 ///
@@ -386,6 +386,24 @@ impl Wind {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The velocity is that over 50 ms at every rate, and not over a shorter time where there are more readings.
+    #[test]
+    fn a_velocity_is_measured_over_the_whole_window_at_every_rate() {
+        let wind = Wind { counts_per_m: 10_865.0, drum: Drum::default() };
+        for rate_hz in [100_u64, 250, 500] {
+            let period_ns = 1_000_000_000 / rate_hz;
+            let mut cable = Cable { seen: true, ..Cable::default() };
+            // Half a millimetre, five steps of the encoder, in one cycle after a second of rest.
+            for cycle in 0..rate_hz {
+                cable.apply(0, cycle * period_ns, wind);
+            }
+            cable.apply(5, rate_hz * period_ns, wind);
+            let (moved_m, window_s) = (5.0 / wind.counts_per_m, VELOCITY_WINDOW_NS as f64 * 1e-9);
+            let short_s = moved_m / cable.velocity_m_s - window_s;
+            assert!(short_s <= 1e-9 && short_s > -1.0 / rate_hz as f64, "{rate_hz} Hz: {}", cable.velocity_m_s);
+        }
+    }
 
     /// A cable is paid out and reeled in at strains that differ, as on every loop of a mission. The encoder turns with
     /// the stretched cable; the length has to be that of the cable, however often the loop is flown.

@@ -69,11 +69,11 @@ pub struct CoreConfig {
     pub jog_speed_m_s: f64,
     /// Tension below which a cable is slack, N.
     pub slack_n: f64,
-    /// Cycles before slack or over-tension is a fault.
+    /// Cycles before slack or over-tension is a fault; see [`CoreConfig::lasting`].
     pub slack_cycles: u32,
     /// Drive output above which a cable that hardly moves is stalled or slipping, 0 to 1.
     pub stall_duty: f64,
-    /// Cycles before stall, runaway or over-current is a fault.
+    /// Cycles before stall, runaway or over-current is a fault; see [`CoreConfig::lasting`].
     pub stall_cycles: u32,
     /// Lowest supply voltage, V.
     pub supply_min_v: f64,
@@ -131,6 +131,10 @@ pub struct SecondEncoders {
 
 /// Longest distance of one jog, m; longer ones are motions of the planner.
 pub const JOG_LIMIT_M: f64 = 2.0;
+
+/// Shortest period in which a number of cycles stands for a time, s: the numbers were chosen and tried at 100 to 250
+/// Hz. At higher rates a condition of the robot or a hiccup of the machine still lasts as long, over more cycles.
+pub(crate) const COUNTED_PERIOD_S: f64 = 0.004;
 
 /// Drive unit of each of `n` cables; `units` lists the cables of each unit.
 fn unit_of_cable(units: &[Vec<usize>], n: usize) -> Result<[usize; CABLES], ConfigError> {
@@ -238,6 +242,13 @@ impl CoreConfig {
         (seconds / self.period_s + 0.5).clamp(1.0, 1e6) as u32
     }
 
+    /// Returns the number of cycles of a condition that has to last for `cycles`: so many at up to 250 Hz, and at
+    /// higher rates those of the same time as at 250 Hz.
+    #[must_use]
+    pub fn lasting(&self, cycles: u32) -> u32 {
+        cycles.max(self.cycles(f64::from(cycles) * COUNTED_PERIOD_S))
+    }
+
     /// Checks every number.
     ///
     /// # Errors
@@ -250,7 +261,7 @@ impl CoreConfig {
                 refuse(key, format!("is {value}"), accepted)
             }
         };
-        inside("period", self.period_s, 0.004, 0.1, "10 to 250 cycles per second (rate_hz)")?;
+        inside("period", self.period_s, 0.002, 0.1, "10 to 500 cycles per second (rate_hz)")?;
         for (cable, counts) in self.counts_per_m[..self.cable_count()].iter().enumerate() {
             if !(counts.is_finite() && (100.0..=1e7).contains(&counts.abs())) {
                 let problem = format!("is {counts} for cable {}", cable + 1);
@@ -304,5 +315,38 @@ impl CoreConfig {
         inside("bias_share", self.bias_share, 1e-3, 1.0, "0.001 to 1")?;
         inside("bias_bound_m_s", self.bias_bound_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
         inside("estimate_bound_m", self.estimate_bound_m, 1e-4, 1.0, "0.0001 to 1 metre")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cable_robot::RobotParts;
+
+    fn at(rate_hz: f64) -> Result<CoreConfig, ConfigError> {
+        let robot = Robot::new(RobotParts {
+            anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
+            node_mass_kg: 1.2,
+            tension_limits_n: [2.0, 60.0],
+            speed_limit_m_s: 0.4,
+            acceleration_limit_m_s2: 0.5,
+            ..RobotParts::default()
+        })
+        .unwrap();
+        CoreConfig::new(robot, 1.0 / rate_hz, &[10_000.0; 3], &[vec![0, 1], vec![2]])
+    }
+
+    #[test]
+    fn a_condition_lasts_for_its_cycles_and_above_250_hz_for_their_time() {
+        for rate_hz in [10.0, 100.0, 200.0, 250.0] {
+            let config = at(rate_hz).unwrap();
+            assert_eq!([3, 5, 20, 30].map(|cycles| config.lasting(cycles)), [3, 5, 20, 30], "{rate_hz} Hz");
+        }
+        for (rate_hz, slack) in [(300.0, 36), (400.0, 48), (500.0, 60)] {
+            let config = at(rate_hz).unwrap();
+            assert_eq!(config.lasting(config.slack_cycles), slack, "{rate_hz} Hz");
+            assert!((f64::from(slack) * config.period_s - 0.120).abs() < config.period_s, "{rate_hz} Hz");
+        }
+        assert!(at(501.0).is_err_and(|error| error.to_string().contains("500")));
     }
 }

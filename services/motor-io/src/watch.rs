@@ -8,7 +8,8 @@
 //! shows.
 //!
 //! Each condition must persist for a number of cycles, because one reading is noise. Time is counted in cycles, so that
-//! a short stop of the computer does not count as a fault of the robot.
+//! a short stop of the computer does not count as a fault of the robot. Where the number stands for a time, it is that
+//! of 250 Hz at higher rates ([`CoreConfig::lasting`]).
 
 use crate::load::{LoadEvidence, Winding};
 use crate::settings::CoreConfig;
@@ -16,7 +17,8 @@ use drives::DriveStatus;
 use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput, UNITS};
 
-/// Cycles without an answer before a unit is lost: one may be noise, two a coincidence.
+/// Cycles without a port or a unit before it is lost: one may be noise, two a coincidence. These are attempts and no
+/// time; answers that are only late or garbled have `RESYNC_S`.
 const LOST_CYCLES: u32 = 3;
 /// Longest resynchronisation, s. It usually takes 50 to 100 ms (silence, then a fence), and several times that where
 /// answers are late.
@@ -200,7 +202,7 @@ impl Watch {
                     count(&mut self.low_supply[unit], self.supply_v[unit] < config.supply_min_v);
                 }
             }
-            if self.low_supply[unit] >= SUPPLY_READINGS {
+            if self.low_supply[unit] >= config.lasting(SUPPLY_READINGS) {
                 found.unit(MotorAuthority::FAULT_SUPPLY, unit);
             }
             let status = DriveStatus(self.status[unit]);
@@ -233,6 +235,7 @@ impl Watch {
         let tensions = &input.estimate_tension_n[situation.estimator * CABLES..][..CABLES];
         let estimate_valid = input.estimate_valid[situation.estimator] == 1
             && input.estimate_cycle[situation.estimator].checked_add(1) == Some(input.header.cycle);
+        let (stall_cycles, slack_cycles) = (config.lasting(config.stall_cycles), config.lasting(config.slack_cycles));
         self.ease = 1.0;
         count(&mut self.unjudged, situation.starved);
         let judged = self.unjudged == 0 || self.unjudged >= config.cycles(AWAY_S);
@@ -244,19 +247,19 @@ impl Watch {
             if fresh[i] {
                 self.motion(config, i, v, situation, new_duty);
             }
-            if self.stalled[i].over(config.stall_cycles) {
+            if self.stalled[i].over(stall_cycles) {
                 found.cable(MotorAuthority::FAULT_STALL, i);
                 if sent > 0.0 {
                     // Nothing can hold back a cable that is paid out, so no load pulls this one.
                     found.cable(MotorAuthority::FAULT_SLACK, i);
                 }
             }
-            if self.runaway[i] >= config.stall_cycles {
+            if self.runaway[i] >= stall_cycles {
                 found.cable(MotorAuthority::FAULT_RUNAWAY, i);
             }
             let current = self.current_a[i].abs();
             self.hot[i].advance(new_current.then_some(driven && current > config.current_limit_a));
-            if self.hot[i].over(config.stall_cycles) {
+            if self.hot[i].over(stall_cycles) {
                 found.cable(MotorAuthority::FAULT_OVER_CURRENT, i);
             }
             // Largest current of a cable at its limit at this speed: reeling in against the whole friction of the gear.
@@ -289,10 +292,10 @@ impl Watch {
                 }
                 count(&mut self.tight[i], situation.following && tensions[i] > strongest);
             }
-            if self.slack[i] >= config.slack_cycles || self.load[i].is_unloaded() {
+            if self.slack[i] >= slack_cycles || self.load[i].is_unloaded() {
                 found.cable(MotorAuthority::FAULT_SLACK, i);
             }
-            if self.tight[i] >= config.slack_cycles || self.straining[i].over(config.slack_cycles) {
+            if self.tight[i] >= slack_cycles || self.straining[i].over(slack_cycles) {
                 found.cable(MotorAuthority::FAULT_OVER_TENSION, i);
             }
         }

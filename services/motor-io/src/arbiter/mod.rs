@@ -103,6 +103,8 @@ impl Arbiter {
             probation: config.cycles(config.probation_s),
             forgive: config.cycles(config.forgive_s),
             falls: config.quarantine_falls,
+            gone: config.lasting(role::GONE_CYCLES),
+            apart: config.lasting(role::APART_CYCLES),
         };
         Self {
             cables: config.cable_count(),

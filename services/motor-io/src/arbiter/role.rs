@@ -15,10 +15,10 @@
 
 use messages::{MotorSlots, SLOTS};
 
-/// Cycles for which another slot stands in for a silent one in charge; after more it takes its place. A standby that is
-/// silent for longer loses its phase. A hiccup of the machine is shorter.
+/// Cycles for which another slot stands in for a silent one in charge, at up to 250 Hz; after more it takes its place. A
+/// standby that is silent for longer loses its phase. A hiccup of the machine is shorter.
 pub const GONE_CYCLES: u32 = 3;
-/// Cycles in a row for which a standby may deviate too far from the slot in charge: laws differ where
+/// Cycles in a row for which a standby may deviate too far from the slot in charge, at up to 250 Hz: laws differ where
 /// the motion changes.
 pub const APART_CYCLES: u32 = 10;
 
@@ -89,6 +89,10 @@ pub struct Times {
     pub forgive: u32,
     /// Falls after which a slot is quarantined.
     pub falls: u8,
+    /// [`GONE_CYCLES`] at the robot's rate.
+    pub gone: u32,
+    /// [`APART_CYCLES`] at the robot's rate.
+    pub apart: u32,
 }
 
 /// Reason why a swap or an admission is refused.
@@ -112,6 +116,8 @@ pub struct SlotState {
     well: u32,
     absent: u32,
     silent: u32,
+    /// It has been silent for too long.
+    gone: bool,
     outside: u32,
     falls: u8,
     cause: u8,
@@ -126,6 +132,7 @@ impl SlotState {
         well: 0,
         absent: 0,
         silent: 0,
+        gone: false,
         outside: 0,
         falls: 0,
         cause: MotorSlots::CAUSE_NONE,
@@ -137,7 +144,7 @@ impl SlotState {
     pub fn phase(&self) -> Phase {
         match self.phase {
             Phase::Quarantined => Phase::Quarantined,
-            Phase::Active if self.silent > GONE_CYCLES => Phase::Empty,
+            Phase::Active if self.gone => Phase::Empty,
             Phase::Active if self.foreign_instance => Phase::Attached,
             phase => phase,
         }
@@ -189,10 +196,15 @@ impl SlotState {
         (self.well, self.absent, self.outside) = (0, 0, 0);
     }
 
+    fn count_silence(&mut self, report: &Report, times: &Times) {
+        self.silent = if report.reply == Reply::Silent { self.silent.saturating_add(1) } else { 0 };
+        self.gone = self.silent > times.gone;
+    }
+
     /// One cycle of a slot that is not in charge. `led`: the slot in charge gave a good answer, so that a missing one
     /// is this slot's own failure.
     fn beside(&mut self, report: &Report, led: bool, times: &Times) {
-        self.silent = if report.reply == Reply::Silent { self.silent.saturating_add(1) } else { 0 };
+        self.count_silence(report, times);
         if self.phase == Phase::Quarantined {
             return;
         }
@@ -222,11 +234,11 @@ impl SlotState {
                 if led {
                     self.absent = self.absent.saturating_add(1);
                 }
-                if self.absent > GONE_CYCLES && !matches!(self.phase, Phase::Empty | Phase::Attached) {
+                if self.absent > times.gone && !matches!(self.phase, Phase::Empty | Phase::Attached) {
                     let silent = self.silent > 0;
                     let cause = if silent { MotorSlots::CAUSE_ABSENT } else { MotorSlots::CAUSE_NOT_VALID };
                     self.fall(cause, times);
-                } else if self.silent > GONE_CYCLES && self.phase != Phase::Empty {
+                } else if self.gone && self.phase != Phase::Empty {
                     // Without an answer in charge the failure cannot be attributed, but the slot has to qualify again.
                     self.drop_to_start(MotorSlots::CAUSE_ABSENT, times);
                 }
@@ -257,7 +269,7 @@ impl SlotState {
                 self.well = 0;
                 self.cause = MotorSlots::CAUSE_DEVIATION;
             }
-            _ if self.outside > APART_CYCLES => self.fall(MotorSlots::CAUSE_DEVIATION, times),
+            _ if self.outside > times.apart => self.fall(MotorSlots::CAUSE_DEVIATION, times),
             _ => {}
         }
     }
@@ -378,7 +390,7 @@ impl Role {
             }
             // The slot is missing in the announced cycle: the swap is cancelled and may be requested again. A slot
             // without a processor gets a few more cycles.
-            if !starved[side] || cycle >= self.commit_cycle.saturating_add(u64::from(GONE_CYCLES)) {
+            if !starved[side] || cycle >= self.commit_cycle.saturating_add(u64::from(self.times.gone)) {
                 self.commit_cycle = 0;
                 self.slots[side].phase = Phase::Qualified;
             }
@@ -399,7 +411,7 @@ impl Role {
     /// Processes the slot in charge; returns true if its answer counts.
     fn lead(&mut self, moving: bool, report: &Report) -> bool {
         let slot = &mut self.slots[self.in_charge];
-        slot.silent = if report.reply == Reply::Silent { slot.silent.saturating_add(1) } else { 0 };
+        slot.count_silence(report, &self.times);
         slot.foreign_instance = report.reply != Reply::Silent && slot.incarnation != report.incarnation;
         let known = slot.phase == Phase::Active && !slot.foreign_instance;
         let counts = report.reply == Reply::Good && (known || (!moving && slot.phase != Phase::Quarantined));
@@ -429,7 +441,7 @@ impl Role {
         self.probation.is_some() && !starved
             || matches!(report.reply, Reply::Wrong(_))
             || (slot.foreign_instance && moving)
-            || slot.absent > GONE_CYCLES
+            || slot.absent > self.times.gone
     }
 
     /// Puts `next` in charge instead of `lead`, which failed.
@@ -463,7 +475,7 @@ impl Role {
 
     fn commit(&mut self, next: usize) {
         let old = &mut self.slots[1 - next];
-        if old.phase == Phase::Active && old.absent <= GONE_CYCLES {
+        if old.phase == Phase::Active && old.absent <= self.times.gone {
             old.phase = Phase::Probation;
             self.probation = Some(0);
         } else if old.phase != Phase::Empty {

@@ -205,6 +205,24 @@ fn a_failover_loses_no_cycle_and_one_missed_cycle_causes_no_failover() {
 }
 
 #[test]
+fn at_500_hz_a_standby_bridges_a_hiccup_as_long_as_at_250_hz() {
+    let quick = CoreConfig { period_s: 0.002, ..config() };
+    for cycles in [2 * GONE_CYCLES, 2 * GONE_CYCLES + 1] {
+        let mut table = Table { arbiter: Arbiter::new(&quick), ..Table::new() };
+        table.cycles(5);
+        table.moving = true;
+        table.cycles(600);
+        table.input.command_arrived[0] = 0;
+        for _ in 0..cycles {
+            assert_eq!(table.used(), Some((1, 0)));
+        }
+        table.input.command_arrived[0] = 1;
+        let hiccup = cycles == 2 * GONE_CYCLES;
+        assert_eq!(table.used(), Some((usize::from(!hiccup), 0)), "{cycles} cycles");
+    }
+}
+
+#[test]
 fn invalid_commands_of_the_slot_in_charge_cause_a_failover_at_once() {
     let mut table = Table::flying();
     table.input.command[0].velocity_m_s[1] = f64::NAN;

@@ -7,7 +7,8 @@ use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
 /// Time without answers because motor-io was late, after which the robot stops on its path, s.
 pub(super) const LATE_S: f64 = 0.4;
-/// Cycles after which a planner that no longer publishes the motion counts as gone. Within fewer, it may be about to.
+/// Cycles after which a planner that no longer publishes the motion counts as gone. Within fewer, it may be about to; at
+/// more than 250 Hz, within as long.
 const ORPHANED_CYCLES: u32 = 5;
 
 impl Core {
@@ -75,7 +76,7 @@ impl Core {
             return self.stop_on_path(&state, MotorAuthority::FAULT_LONG_GAP, input);
         }
         let ended = self.motion.is_over(self.clock.time_s());
-        if lost != 0 || (self.motion.cycles_without_plan() > ORPHANED_CYCLES && !ended) {
+        if lost != 0 || (self.motion.cycles_without_plan() > self.config.lasting(ORPHANED_CYCLES) && !ended) {
             // The known part of the motion is flown to its end; see `settle`.
             self.safety.record_stop(MotorAuthority::FAULT_PLANNER_LOST);
         }

@@ -325,6 +325,12 @@ impl Core {
         self.arbiter.in_charge()
     }
 
+    /// Number of drive units, and the unit of each cable.
+    #[must_use]
+    pub fn units(&self) -> (usize, [usize; CABLES]) {
+        (self.config.unit_count, self.config.unit_of_cable)
+    }
+
     /// Position to store on disk, if the lengths are valid.
     #[must_use]
     pub fn position(&self) -> Option<Position> {

@@ -21,6 +21,7 @@ use super::border::bend_m;
 use super::settle::REACTION_S;
 use crate::limits::largest;
 use crate::mode::{Mode, Soft, Stop};
+use crate::settings::COUNTED_PERIOD_S;
 use cable_robot::{CableVec, Held, Vector3, tension};
 use messages::{CABLES, MotorAuthority, MotorState};
 use robot_state::Reason;
@@ -40,11 +41,12 @@ const FADE_S: f64 = 2.0;
 const FAST_SHARE: f64 = 0.5;
 /// Cycles in a row in which a cable may be faster: one may be a late reading.
 const FAST_CYCLES: u32 = 3;
-/// Cycles in a row in which a unit may not be read: as many as before it counts as lost.
+/// Cycles in a row in which a unit may not be read: as many as before it counts as lost, and at more than 250 Hz as long.
 const UNREAD_CYCLES: u32 = 3;
 /// Largest speed of a cable at rest, m/s: a step of a coarse encoder within 50 ms.
 const REST_M_S: f64 = 0.003;
-/// Weight of the newest difference of lengths in the velocity: about two cycles.
+/// Weight of the newest difference of lengths in the velocity: about two cycles, and at more than 250 Hz as long, because
+/// a step of an encoder is the larger a velocity, the shorter the cycle.
 const NEWEST: f64 = 0.5;
 /// Shares of the added forces that are tried until the tensions are within their limits.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
@@ -107,7 +109,7 @@ impl Core {
             return self.end_soft(lost);
         }
         soft.unread = if self.unit_trouble { soft.unread + 1 } else { 0 };
-        if soft.unread >= UNREAD_CYCLES {
+        if soft.unread >= self.config.lasting(UNREAD_CYCLES) {
             return self.end_soft(MotorAuthority::FAULT_LONG_GAP);
         }
         self.read_velocities(&mut soft);
@@ -134,12 +136,13 @@ impl Core {
 
     /// Updates the velocities of the cables that were read in the last cycle.
     fn read_velocities(&self, soft: &mut Soft) {
+        let newest = NEWEST * (self.config.period_s / COUNTED_PERIOD_S).min(1.0);
         for i in 0..self.config.cable_count() {
             let (length_m, sampled_ns) = (self.odometry.length_m(i), self.odometry.sampled_ns(i));
             let passed_s = sampled_ns.saturating_sub(soft.sampled_ns[i]) as f64 * 1e-9;
             if passed_s > 0.0 {
                 let now_m_s = (length_m - soft.lengths_m[i]) / passed_s;
-                soft.velocity_m_s[i] += NEWEST * (now_m_s - soft.velocity_m_s[i]);
+                soft.velocity_m_s[i] += newest * (now_m_s - soft.velocity_m_s[i]);
                 (soft.lengths_m[i], soft.sampled_ns[i]) = (length_m, sampled_ns);
             }
         }

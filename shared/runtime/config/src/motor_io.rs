@@ -36,11 +36,11 @@ crate::section! {
         pub jog_speed_m_s: f64 = 0.05 => between(0.001, 0.5, "m/s"),
         /// Estimated tension below which a cable is slack, N.
         pub slack_n: f64 = 0.5 => between(0.0, 100.0, "N"),
-        /// Cycles after which a slack cable is a fault.
+        /// Cycles after which a slack cable is a fault; above 250 Hz the time of as many at 250 Hz.
         pub slack_cycles: u32 = 30 => between(1.0, 10_000.0, ""),
         /// Drive output above which a cable that hardly moves is stalled or slipping.
         pub stall_duty: f64 = 0.6 => above(0.0, 1.0, ""),
-        /// Cycles after which a stall or a runaway is a fault.
+        /// Cycles after which a stall or a runaway is a fault; above 250 Hz the time of as many at 250 Hz.
         pub stall_cycles: u32 = 20 => between(1.0, 10_000.0, ""),
         /// Lowest supply voltage, V: below it the robot warns, and the planner rejects what the motors cannot do at it
         /// less 5 %. 0 for neither.

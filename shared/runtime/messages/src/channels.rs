@@ -15,7 +15,8 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quality {
     /// Samples that a deep subscriber (the recorder, the sensor logger) can lag behind before it loses the oldest: at
-    /// least 2.5 s at the channel's rate. All others have [`Quality::SHALLOW`] at most.
+    /// least 2.5 s at the channel's rate, and 1.25 s of control cycles at 500 Hz. All others have [`Quality::SHALLOW`] at
+    /// most.
     pub buffer: usize,
     /// Samples kept for a recorder that joins late or is restarted: more than a second at the rate of the channel.
     pub history: usize,
@@ -126,8 +127,9 @@ pub struct Channel {
     pub quality: Quality,
 }
 
-/// 250 Hz x 2.5 s, rounded up: also holds 100 Hz through a stall of six seconds.
-const CYCLE: Quality = Quality { buffer: 640, history: 256, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
+/// 250 Hz x 2.5 s, rounded up: also holds 500 Hz for more than a second, in which a recorder is replaced, and 100 Hz
+/// through a stall of six seconds.
+const CYCLE: Quality = Quality { buffer: 640, history: 512, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
 /// 10 Hz and below.
 const SLOW: Quality = Quality { buffer: 64, history: 32, late: 4, publishers: 1, subscribers: 24, nodes: 48 };
 /// Tables: every row at once, up to a row for each of some hundred processes or channels.

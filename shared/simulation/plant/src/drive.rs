@@ -19,8 +19,8 @@ const LOOP_PERIOD_NS: u64 = 1_000_000_000 / LOOP_HZ;
 /// Weight of the newest sample in the averaged speed: an average over about 30 ms.
 const SPEED_SMOOTHING: f64 = 0.1;
 
-/// Largest number of delayed commands; one per control cycle of 5 ms for 2.5 s.
-const IN_FLIGHT: usize = 512;
+/// Largest number of delayed commands; one per control cycle of 2 ms for 2 s.
+const IN_FLIGHT: usize = 1024;
 
 /// Command of a drive for one motor. Positive pays out cable.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -8,8 +8,9 @@ use cable_robot::CableVec;
 /// Shortest record accepted by [`identify`], cycles.
 pub const MIN_RECORD: usize = 20;
 
-/// Longest record, cycles; bounds the duration of one pass.
-pub const MAX_RECORD: usize = 512;
+/// Longest record, cycles; bounds the duration of one pass. A second and a half at 500 cycles per second, which is what
+/// the controller records.
+pub const MAX_RECORD: usize = 768;
 
 /// Smallest RMS residual without a model, m, that a record must have: three steps of an encoder with
 /// 10,000 counts per metre.

@@ -29,8 +29,8 @@ use thiserror::Error;
 /// Longest delay and longest lag, s. Slower winches are not suitable for a robot.
 pub const MAX_DELAY_S: f64 = 0.5;
 
-/// Longest delay in cycles, including a partial cycle.
-pub const MAX_DELAY_CYCLES: usize = 126;
+/// Longest delay in cycles, including a partial cycle: [`MAX_DELAY_S`] at 500 cycles per second.
+pub const MAX_DELAY_CYCLES: usize = 251;
 
 /// Delay and lag of a winch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -146,7 +146,7 @@ impl CycleModel {
         let late_s = lag.delay_s + early_s;
         let whole = (late_s / period_s).floor();
         if !(whole < MAX_DELAY_CYCLES as f64) {
-            return Err(LagError { what: "the delay in cycles", value: whole, accepted: "below 126" });
+            return Err(LagError { what: "the delay in cycles", value: whole, accepted: "below 251" });
         }
         let rest_s = (late_s - whole * period_s).clamp(0.0, period_s);
         let (before, after) = (Piece::new(rest_s, lag.lag_s), Piece::new(period_s - rest_s, lag.lag_s));

@@ -13,8 +13,9 @@ const VELOCITY_SIGMA: f64 = 5e-3;
 /// A measured length farther than this from the observed one means that the position was re-zeroed, m.
 const JUMP_M: f64 = 0.05;
 
-/// Number of cycles without an estimate that the observer bridges.
+/// Number of cycles without an estimate that the observer bridges; or as many as these are at 250 cycles per second, s.
 const BRIDGED_CYCLES: u64 = 10;
+const BRIDGED_S: f64 = 0.040;
 
 /// Model of all winches, driven by the commands that were sent and corrected by measured lengths: a
 /// steady-state Kalman filter.
@@ -83,7 +84,8 @@ impl DriveObserver {
     ) {
         let n = lengths_m.len().min(velocities_m_s.len()).min(MAX_CABLES);
         let reading_s = reading_s.clamp(0.0, self.period_s);
-        let gap = self.cycle.and_then(|at| cycle.checked_sub(at)).filter(|gap| *gap <= BRIDGED_CYCLES);
+        let bridged = BRIDGED_CYCLES.max((BRIDGED_S / self.period_s).round() as u64);
+        let gap = self.cycle.and_then(|at| cycle.checked_sub(at)).filter(|gap| *gap <= bridged);
         for missed in (1..=gap.unwrap_or(0) as usize).rev() {
             self.advance(missed, sent);
         }

@@ -35,8 +35,9 @@ use cable_robot::linalg;
 
 pub use cable_robot::control_bounds::MAX_PREVIEW;
 
-/// Bound of the Riccati iteration, which needs about 20 times the settling time of a step response, in cycles.
-const MAX_ITERATIONS: usize = 20_000;
+/// Bound of the Riccati iteration, which needs about 20 times the settling time of a step response, in cycles: four
+/// seconds at 500 cycles per second.
+const MAX_ITERATIONS: usize = 40_000;
 
 /// Error of a law that cannot be built.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]

@@ -1,7 +1,7 @@
 //! Delay and lag from records, and the misfit of wrong models.
 
 use cable_control::drive_lag::{
-    CommandHistory, CycleModel, DriveLag, IdentifyError, MisfitMeter, Record, Winch, identify,
+    CommandHistory, CycleModel, DriveLag, IdentifyError, MAX_DELAY_S, MAX_RECORD, MisfitMeter, Record, Winch, identify,
 };
 use cable_robot::CableVec;
 use proptest::prelude::*;
@@ -125,6 +125,32 @@ fn a_winch_of_another_kind_has_a_misfit() {
     };
     let found = identify(&record).unwrap();
     assert!(found.misfit > 0.35, "{found:?}");
+}
+
+/// The longest delay of a winch, and the second and a half that the controller records, have their places at 500 Hz.
+#[test]
+fn delays_and_records_are_as_long_at_500_hz() {
+    let period_s = 0.002;
+    let longest = CycleModel::new(&DriveLag::new(MAX_DELAY_S, 0.04).unwrap(), period_s, 0.5 * period_s).unwrap();
+    assert_eq!(longest.delay_cycles(), 250);
+    let cycles = 750;
+    assert!(cycles <= MAX_RECORD);
+    let truth = DriveLag::new(0.3, 0.05).unwrap();
+    let model = CycleModel::new(&truth, period_s, period_s).unwrap();
+    let (mut sent, mut winch) = (CommandHistory::new(), Winch::default());
+    let (mut commands, mut velocities) = (Vec::new(), Vec::new());
+    for cycle in 0..cycles {
+        let command = CableVec::repeat(1, if (50..500).contains(&cycle) { 0.1 } else { 0.0 });
+        sent.record(cycle as u64, &command);
+        let next = model.step(winch, sent.delayed(model.delay_cycles() + 1)[0], sent.delayed(model.delay_cycles())[0]);
+        velocities.push(CableVec::repeat(1, (next.length_m - winch.length_m) / period_s));
+        commands.push(command);
+        winch = next;
+    }
+    let reading_s = CableVec::repeat(1, 0.0);
+    let record = Record { period_s, reading_s, commands_m_s: &commands, velocities_m_s: &velocities, ignored: 0 };
+    let found = identify(&record).unwrap();
+    assert!((found.lag.delay_s() - 0.3).abs() < 1e-3 && (found.lag.lag_s() - 0.05).abs() < 1e-3, "{found:?}");
 }
 
 #[test]

@@ -163,6 +163,25 @@ fn follow(
 }
 
 #[test]
+fn the_observer_bridges_ten_cycles_and_above_250_hz_their_time() {
+    for (rate_hz, bridged) in [(100.0, 10), (250.0, 10), (500.0, 20)] {
+        for missed in [bridged, bridged + 1] {
+            let (period_s, lag) = (1.0 / rate_hz, DriveLag::new(0.0, 0.04).unwrap());
+            let (mut observer, mut sent) = (DriveObserver::new(&lag, period_s).unwrap(), CommandHistory::new());
+            let speed = CableVec::repeat(1, 0.2);
+            sent.record(1, &speed);
+            observer.correct(1, 0.0, &[6.0], &[0.2], &sent);
+            let now = 2 + missed;
+            (2..=now).for_each(|cycle| sent.record(cycle, &speed));
+            // A restart takes the velocity that it is given.
+            observer.correct(now, 0.0, &[6.0 + 0.2 * period_s * (now - 1) as f64], &[0.0], &sent);
+            let kept = observer.velocities_m_s(1)[0] > 0.15;
+            assert_eq!(kept, missed == bridged, "{rate_hz} Hz, {missed} cycles");
+        }
+    }
+}
+
+#[test]
 fn a_better_model_follows_better_and_a_third_of_error_is_tolerated() {
     let truth = DriveLag::new(0.06, 0.1).unwrap();
     let worst = |factor: f64| {
@@ -252,11 +271,11 @@ fn bad_parameters_are_refused() {
     assert!(DriveLag::new(f64::NAN, 0.0).is_err() && DriveLag::new(0.0, -0.1).is_err());
     assert_eq!(PreviewGain::new(&lag, PERIOD_S, 1, 1e-5).unwrap_err(), PreviewError::Horizon(1));
     assert_eq!(PreviewGain::new(&lag, PERIOD_S, 40, 0.0).unwrap_err(), PreviewError::MovePenalty(0.0));
-    // A period of 0, and a delay of too many cycles: 0.5 s with cycles of 0.003 s.
+    // A period of 0, and a delay of too many cycles: 0.5 s with cycles of 0.0015 s.
     let range = |lag: &DriveLag, period_s| match PreviewGain::new(lag, period_s, 40, 1e-5).unwrap_err() {
         PreviewError::Range(error) => error.value,
         other => panic!("{other}"),
     };
     let long = DriveLag::new(0.5, 0.0).unwrap();
-    assert_eq!((range(&lag, 0.0), range(&long, 0.003)), (0.0, 166.0));
+    assert_eq!((range(&lag, 0.0), range(&long, 0.0015)), (0.0, 333.0));
 }

@@ -142,10 +142,12 @@ fn the_channel_table_has_one_row_per_name() {
     }
     assert!(channel_of("sensor/").is_none());
     assert!(channel_of("motor/unknown").is_none());
-    // Once in each control cycle, of which there are up to 250 a second.
+    // Once in each control cycle: 2.5 s of them at 250 Hz, and at 500 Hz more than the second in which a recorder is
+    // replaced.
     let each_cycle = ["motor/", "node/estimate/", "control/status/"];
     for row in CHANNELS.iter().filter(|row| each_cycle.iter().any(|start| row.pattern.starts_with(start))) {
         assert!(row.quality.buffer as f64 >= 2.5 * 250.0, "{}", row.pattern);
+        assert!((500..row.quality.buffer).contains(&row.quality.history), "{}", row.pattern);
         assert_eq!(row.quality.publishers, 1, "{}: one publisher is the lease", row.pattern);
     }
 }
