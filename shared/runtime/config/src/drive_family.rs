@@ -147,7 +147,10 @@ const ROBOCLAW: DriveFamily = DriveFamily {
 };
 
 const MOTEUS: DriveFamily = DriveFamily {
-    bauds: &[115_200, 230_400, 460_800, 921_600],
+    // 921600 is the firmware's default, and `aux1.uart.baud_rate` or `aux2.uart.baud_rate` another one. The firmware
+    // receives and sends by DMA, and halves the oversampling for high rates (fw/uart_fdcanusb_micro_server.h and
+    // fw/stm32_serial.h of mjbots/moteus). 3 Mbaud is the highest rate of the UARTs of a Raspberry Pi (48 MHz / 16).
+    bauds: &[115_200, 230_400, 460_800, 921_600, 3_000_000],
     addresses: 1..=126,
     addresses_in_words: "1 to 126",
     // The time limit of a command: 16 bits of milliseconds.
@@ -168,7 +171,8 @@ const MOTEUS: DriveFamily = DriveFamily {
     remedies: Remedies {
         silent: "switch its supply on, check id.id with moteus_tool --info, and that wire is usb for a fdcanusb and \
                  serial for a UART",
-        foreign: "check that it is the port of the fdcanusb (wire usb) or of the UART (wire serial, 921600 baud)",
+        foreign: "check that it is the port of the fdcanusb (wire usb) or of the UART (wire serial, with the baud rate \
+                  of aux1.uart or aux2.uart: 921600, unless it was changed)",
         echo: ECHO,
         watchdog: "update the unit's firmware with moteus_tool --flash, and let no other program command it",
         settings: "update the unit's firmware with moteus_tool --flash, and check motor_position in tview",

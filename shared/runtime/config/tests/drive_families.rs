@@ -51,7 +51,7 @@ fn what_a_family_does_not_have_is_refused_with_what_it_has() {
         (
             "protocol = \"moteus\"\nbaud = 9600\nunits = [{ address = 1, cables = [1] }]",
             "",
-            &["baud", "9600", "921600"],
+            &["baud", "9600", "921600", "3000000"],
         ),
         (
             "protocol = \"moteus\"\nunits = [{ address = 1, cables = [1] }]",

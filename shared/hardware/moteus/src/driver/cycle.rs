@@ -11,6 +11,9 @@ use crate::status::STOP_PIN;
 
 /// Rounds of a cycle: a unit in fault answers so, is stopped, and then holds.
 const ROUNDS: usize = 3;
+/// Least time from one question about what changes slowly to the next, ns: one in each cycle at up to 250 Hz, and one in
+/// every second at 500 Hz. Faults of a cable show over tens of milliseconds.
+const SLOW_EVERY_NS: u64 = 3_000_000;
 /// A unit may read its encoder this much later than it was asked, ns, while the motor moves on.
 const SAMPLE_JITTER_NS: u64 = 20_000_000;
 
@@ -237,14 +240,16 @@ impl<T: Transport> Bus<T> {
             *plan = ready.then_some(Plan { order: None, question: Question::Slow });
         }
         let count = plans.iter().flatten().count();
-        if count == 0 {
+        let now_ns = self.transport.now_ns();
+        if count == 0 || now_ns < self.slow_ns + SLOW_EVERY_NS {
             return;
         }
-        let fits = self.transport.now_ns() + self.likely_ns(count) <= deadline_ns;
+        let fits = now_ns + self.likely_slow_ns(count) <= deadline_ns;
         self.counters.left_out += u64::from(!fits);
         if !self.overdue.is_due(fits) {
             return;
         }
+        self.slow_ns = now_ns;
         if self.discard().is_ok() {
             let results = self.round(&plans, deadline_ns, true);
             for (index, result) in results.into_iter().enumerate() {

@@ -143,6 +143,8 @@ pub struct Bus<T> {
     connection: u32,
     /// Number of the last question.
     asked: u32,
+    /// Time of the last question about what changes slowly, ns.
+    slow_ns: u64,
     noise: Noise,
     counters: Counters,
     stop_pin: Option<StatusPin>,
@@ -211,6 +213,7 @@ impl<T: Transport> Bus<T> {
             inbox: Inbox::default(),
             connection: 0,
             asked: 0,
+            slow_ns: 0,
             noise: Noise::default(),
             counters: Counters::default(),
             stop_pin: config.stop_pin,

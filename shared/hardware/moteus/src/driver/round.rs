@@ -17,8 +17,12 @@ const ATTEMPTS: u8 = 6;
 /// Bytes of the longest answer, with the adapter's `OK`, and of a second encoder in it.
 const ANSWER_BYTES: usize = 90;
 const SECOND_BYTES: usize = 8;
+/// Bytes of the question about what changes slowly, and of its answer with `OK`.
+const SLOW_BYTES: usize = 50 + 93;
 /// Time of unit, adapter and computer for an exchange, besides its bytes, ns.
 const TURNAROUND_NS: u64 = 500_000;
+/// The same of one unit on a UART, as `nims check` counts it.
+const UART_TURNAROUND_NS: u64 = 300_000;
 /// The same in a cycle whose time is over: an answer that is about to arrive is worth it, ns.
 const LAST_NS: u64 = 1_000_000;
 
@@ -154,6 +158,16 @@ impl<T: Transport> Bus<T> {
     pub(super) fn likely_ns(&self, units: usize) -> u64 {
         // Frame and answer have about the same length; the second unit's frame is sent during the first one's answer.
         self.wire_ns((units + 1) * self.answer_bytes()) + TURNAROUND_NS
+    }
+
+    /// The same of the question about what changes slowly. Alone on a UART a unit answers after the question, and a rate
+    /// that `nims check` accepts has to leave the time that it counts.
+    pub(super) fn likely_slow_ns(&self, units: usize) -> u64 {
+        if units == 1 && self.byte_ns > 0 {
+            self.wire_ns(SLOW_BYTES) + UART_TURNAROUND_NS
+        } else {
+            self.likely_ns(units)
+        }
     }
 
     fn answer_bytes(&self) -> usize {

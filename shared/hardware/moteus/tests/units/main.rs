@@ -4,5 +4,6 @@
 
 mod codec;
 mod conformance;
+mod quick;
 mod second;
 mod unit;
