@@ -62,7 +62,7 @@ impl MotorBox {
             wires,
             devices,
             ground: config.ground.clone(),
-            time: BoxTime::new(config.ports.iter().map(|port| &*port.link))?,
+            time: BoxTime::new(config.ports.iter().map(|port| &*port.link), config.period_ns)?,
             maintained_ns: 0,
             repairs: Vec::new(),
             supply_v: config.plant.supply_v,

@@ -60,6 +60,8 @@ pub struct BoxConfig {
     pub ports: Vec<PortConfig>,
     /// Time that a unit takes to answer, ns.
     pub turnaround_ns: u64,
+    /// Control period of the program that drives the units, ns.
+    pub period_ns: u64,
     /// Sensors on the node.
     pub devices: Vec<DeviceConfig>,
     /// Ground under the node, which the sensors measure.
@@ -82,6 +84,7 @@ impl BoxConfig {
             second_reversed: second_counts_per_m.iter().map(|&counts| counts < 0.0).collect(),
             ports: port_configs(system_file, folder)?,
             turnaround_ns: (section.turnaround_s * 1e9).round() as u64,
+            period_ns: (system_file.period_s() * 1e9).round() as u64,
             devices: section.device.iter().map(|device| device_config(device, folder)).collect(),
             ground: match &section.ground {
                 Some(path) => ground_of(&GroundFile::load(path).map_err(|error| ConfigError::File(error.to_string()))?),

@@ -14,13 +14,13 @@ use serial::{LeftOutClock, Program};
 
 use crate::BoxError;
 
-/// Longest delay of a wake-up that counts as ordinary, ns, and longest time that the box advances at once. Shared
-/// machines stop for a quarter of a second now and then, with everything on them. A box that made up for it would find
-/// that its drives had received nothing for that long, and stop them; after some milliseconds it would have missed an
-/// exchange that was in time.
+/// Longest delay of a wake-up that counts as ordinary, ns, and longest time that the box advances at once; half a period
+/// where that is shorter. Shared machines stop for a quarter of a second now and then, with everything on them. A box
+/// that made up for it would find that its drives had received nothing for that long, and stop them; after some
+/// milliseconds, or half a period, it would have missed an exchange that was in time.
 const HICCUP_NS: u64 = 2_000_000;
 
-/// Longest wait of a program for a processor that counts as ordinary, ns.
+/// Longest wait of a program for a processor that counts as ordinary, ns; half a period where that is shorter.
 const NOTICED_NS: u64 = 2_000_000;
 
 /// Most of a wait that is left out later, ns: a wait is detected after it has begun, when the box has advanced by its
@@ -66,17 +66,20 @@ pub struct BoxTime {
     asked_ns: u64,
     /// Next wake-up as written for the programs, ns on the real clock.
     wakes_ns: u64,
+    /// Longest delay of a wake-up that counts as ordinary, ns.
+    hiccup_ns: u64,
     ends: Vec<FarEnd>,
 }
 
 impl BoxTime {
-    /// Creates a clock at 0 for a box with these ports.
+    /// Creates a clock at 0 for a box with these ports, whose program has this control period, ns.
     ///
     /// # Errors
     /// A file beside a port cannot be created.
-    pub fn new<'a>(links: impl Iterator<Item = &'a Path>) -> Result<Self, BoxError> {
+    pub fn new<'a>(links: impl Iterator<Item = &'a Path>, period_ns: u64) -> Result<Self, BoxError> {
+        let [hiccup_ns, noticed_ns] = [HICCUP_NS, NOTICED_NS].map(|ns| ns.min(period_ns / 2));
         let end = |link: &Path| match LeftOutClock::create(link) {
-            Ok(file) => Ok(FarEnd::new(file)),
+            Ok(file) => Ok(FarEnd::new(file, noticed_ns)),
             Err(error) => Err(BoxError::Time { link: link.to_owned(), error }),
         };
         let real_ns = serial::monotonic_ns();
@@ -90,6 +93,7 @@ impl BoxTime {
             met_ns: 0,
             asked_ns: u64::MAX,
             wakes_ns: 0,
+            hiccup_ns,
             ends,
         })
     }
@@ -141,7 +145,7 @@ impl BoxTime {
             }
             self.owed_ns += self.ends.iter_mut().map(|end| end.waited_ns(real_ns)).max().unwrap_or(0);
         }
-        let lived_ns = passed_ns.min(self.asked_ns.saturating_add(HICCUP_NS));
+        let lived_ns = passed_ns.min(self.asked_ns.saturating_add(self.hiccup_ns));
         let program_ns = lived_ns.min(self.owed_ns);
         // Time that the box did not advance through is already left out.
         self.owed_ns = (self.owed_ns - program_ns).saturating_sub(passed_ns - lived_ns).min(MOST_OWED_NS);
@@ -162,11 +166,13 @@ struct FarEnd {
     file: LeftOutClock,
     program: Option<Program>,
     threads: [Option<Waiting>; 2],
+    /// Longest wait of a thread that counts as ordinary, ns.
+    noticed_ns: u64,
 }
 
 impl FarEnd {
-    fn new(file: LeftOutClock) -> Self {
-        Self { file, program: None, threads: [None, None] }
+    fn new(file: LeftOutClock, noticed_ns: u64) -> Self {
+        Self { file, program: None, threads: [None, None], noticed_ns }
     }
 
     /// Reads which program uses the port.
@@ -174,7 +180,7 @@ impl FarEnd {
         let program = self.file.program();
         if program != self.program {
             self.program = program;
-            let watch = |tid| Thread::with_id(tid).ok().map(Waiting::new);
+            let watch = |tid| Some(Waiting::new(Thread::with_id(tid).ok()?, self.noticed_ns));
             self.threads = program.map_or([None, None], |program| [watch(program.main), watch(program.port)]);
         }
     }
@@ -200,11 +206,13 @@ struct Waiting {
     wait_ns: u64,
     /// The wait is long enough to count, with all of its continuation.
     noticed: bool,
+    /// Longest wait that counts as ordinary, ns.
+    noticed_ns: u64,
 }
 
 impl Waiting {
-    fn new(thread: Thread) -> Self {
-        Self { thread, delay_ns: None, wait_ns: 0, noticed: false }
+    fn new(thread: Thread, noticed_ns: u64) -> Self {
+        Self { thread, delay_ns: None, wait_ns: 0, noticed: false, noticed_ns }
     }
 
     fn waited_ns(&mut self, now_ns: u64) -> u64 {
@@ -225,7 +233,7 @@ impl Waiting {
         self.wait_ns += more_ns;
         if self.noticed {
             more_ns
-        } else if self.wait_ns >= NOTICED_NS {
+        } else if self.wait_ns >= self.noticed_ns {
             self.noticed = true;
             self.wait_ns
         } else {
@@ -241,9 +249,24 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     fn time() -> BoxTime {
-        match BoxTime::new(std::iter::empty()) {
+        time_of(10 * MS)
+    }
+
+    fn time_of(period_ns: u64) -> BoxTime {
+        match BoxTime::new(std::iter::empty(), period_ns) {
             Ok(time) => time,
             Err(error) => panic!("{error}"),
+        }
+    }
+
+    #[test]
+    fn a_hiccup_is_at_most_half_a_period() {
+        for (period_ns, ordinary_ns) in [(10 * MS, 2 * MS), (4 * MS, 2 * MS), (2 * MS, MS)] {
+            let mut time = time_of(period_ns);
+            let real_ns = time.real_ns();
+            time.sleep(MS, false);
+            time.pass(real_ns + 9 * MS);
+            assert_eq!((time.now_ns(), time.left_out().box_ns), (MS + ordinary_ns, 8 * MS - ordinary_ns));
         }
     }
 
@@ -282,7 +305,7 @@ mod tests {
 
     #[test]
     fn only_a_wait_that_is_noticed_counts_and_then_from_its_beginning() {
-        let thread = Thread::current().map(Waiting::new);
+        let thread = Thread::current().map(|thread| Waiting::new(thread, NOTICED_NS));
         let Ok(mut waiting) = thread else { panic!("no statistics") };
         assert_eq!([waiting.count(MS), waiting.count(MS / 2), waiting.count(MS)], [0, 0, 2 * MS + MS / 2]);
         assert_eq!(waiting.count(MS / 10), MS / 10);

@@ -38,6 +38,7 @@ fn config() -> BoxConfig {
             ],
         }],
         turnaround_ns: 150_000,
+        period_ns: 10_000_000,
         devices: Vec::new(),
         ground: plant::ground::Ground::default(),
     }

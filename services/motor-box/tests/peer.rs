@@ -47,6 +47,7 @@ fn motor_box(link: &Path) -> MotorBox {
             units,
         }],
         turnaround_ns: 150_000,
+        period_ns: 10_000_000,
         devices: Vec::new(),
         ground: plant::ground::Ground::default(),
     };
