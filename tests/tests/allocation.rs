@@ -107,7 +107,7 @@ const COUNTED: usize = 100;
 /// another thread.
 #[test]
 fn the_drives_of_every_family_are_driven_without_allocations() {
-    for name in ["demo3", "moteus4", "odrive4", "roboteq3"] {
+    for name in ["demo3", "moteus4", "odrive4", "roboteq3", "quick3"] {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../configs/systems/{name}.toml"));
         let file = SystemFile::load(&path).unwrap();
         let robot = file.robot_file().unwrap();

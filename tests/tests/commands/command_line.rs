@@ -101,7 +101,7 @@ fn bad_robot_files_are_named_by_file_key_and_cure() {
 
 /// The same for `demo3.toml`.
 pub const BAD_SYSTEMS: &[(&str, &str, &[&str])] = &[
-    ("rate_hz = 100.0", "rate_hz = 1000.0", &["rate_hz", "10", "250"]),
+    ("rate_hz = 100.0", "rate_hz = 1000.0", &["rate_hz", "10", "500"]),
     ("rate_hz = 100.0", "rate_hz = 100.0\nrate = 3", &["rate", "rate_hz"]),
     ("name = \"demo3\"", "name = \"The demo\"", &["name", "a-z"]),
     ("robot = \"../robots/lab3.toml\"", "robot = \"../robots/lab9.toml\"", &["lab9.toml"]),
@@ -192,8 +192,8 @@ pub const BAD_ARGUMENTS: &[(&[&str], &[&str])] = &[
     (&["recover", "no-such-run"], &["no-such-run"]),
     (&["run", "demo", "--dry-run", "--config", "no-such-system.toml"], &["no-such-system.toml"]),
     (&["bench", "drives"], &["drives", "tick", "bus", "chain", "disk"]),
-    (&["bench", "--rate", "1000"], &["--rate", "1000", "10", "250"]),
-    (&["bench", "--rate", "-100"], &["--rate", "-100", "10", "250"]),
+    (&["bench", "--rate", "1000"], &["--rate", "1000", "10", "500"]),
+    (&["bench", "--rate", "-100"], &["--rate", "-100", "10", "500"]),
     (&["bench", "--rate", "fast"], &["fast"]),
     (&["bench", "--seconds", "0"], &["--seconds", "0"]),
     (&["bench", "--seconds", "inf"], &["inf", "finite"]),

@@ -1,9 +1,12 @@
 //! The whole control chain against the plant: tracking accuracy, and the conditions that stop the robot.
 
 use cable_robot::{Robot, RobotParts, Vector3};
+use config::SystemFile;
 use messages::{MotorAuthority, PlanStatus, Request};
-use nims_tests::lockstep::{Cycle, Flight, Lockstep, Scenario, fly};
+use motor_box::BoxConfig;
+use nims_tests::lockstep::{Chain, Cycle, Flight, Lockstep, Scenario, fly, fly_chain};
 use nims_tests::scenarios::{self, Case};
+use planner::Mission;
 use plant::PlantConfig;
 use robot_state::Reason;
 
@@ -98,8 +101,41 @@ fn the_node_follows_its_mission_at_slow_and_at_quick_rates() {
         assert_eq!((flight.slack_cycles, flight.unsteered), (0, 0), "{rate_hz} Hz");
     }
     // A rate beyond that of a robot is refused, also here.
-    let error = fly(at(500.0, lab("lab3"))).unwrap_err().to_string();
-    assert!(error.contains("period") && error.contains("250"), "{error}");
+    let error = fly(at(501.0, lab("lab3"))).unwrap_err().to_string();
+    assert!(error.contains("period") && error.contains("500"), "{error}");
+}
+
+/// The example for 500 Hz, with the chain of its files, along a side of the room: every period is steered, and the node
+/// is where the same mission has it at 100 Hz.
+#[test]
+fn at_500_hz_every_period_is_steered_and_the_node_follows() {
+    let systems = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/systems");
+    let mission = "name = \"side\"\n[[leg]]\npolyline = { points_m = [[5.4, 3.2, 0.5], [4.6, 3.6, 0.8]] }\n";
+    let fly_at = |rate_hz: f64| {
+        let mut file = SystemFile::load(&systems.join("quick3.toml")).unwrap();
+        let robot = file.robot_file().unwrap();
+        file.rate_hz = rate_hz;
+        file.controller.horizon_cycles = (0.14 * rate_hz).round() as usize + 3;
+        let plant = BoxConfig::from_files(&file, &robot, std::path::Path::new("/")).unwrap().plant;
+        let mission = Mission::parse(mission).unwrap();
+        let scenario = Scenario::from_files(&file, robot.robot().unwrap(), plant, mission).unwrap();
+        fly_chain(scenario, Chain::from_files(&file, &robot).unwrap(), |seen| {
+            let input = &seen.cycle.input;
+            // Within what motor-io and `nims check` leave to the drives.
+            anyhow::ensure!((input.end_ns - input.begin_ns) as f64 * 1e-9 < 0.8 / rate_hz, "a long exchange");
+            Ok(())
+        })
+        .unwrap()
+    };
+    let (slow, quick) = (fly_at(100.0), fly_at(500.0));
+    println!("100 Hz: {slow:?}\n500 Hz: {quick:?}");
+    for (rate_hz, flight) in [(100.0, &slow), (500.0, &quick)] {
+        assert_eq!(flight.state, PlanStatus::STATE_DONE);
+        assert!(flight.moving_cycles as f64 > 5.0 * rate_hz, "{rate_hz} Hz: {flight:?}");
+        assert_eq!((flight.slack_cycles, flight.unsteered), (0, 0), "{rate_hz} Hz");
+        assert!(flight.truth.max_m <= 0.020, "{rate_hz} Hz: {:?}", flight.truth);
+    }
+    assert!(quick.truth.rms_m <= 1.5 * slow.truth.rms_m, "{:?} after {:?}", quick.truth, slow.truth);
 }
 
 /// The effect of the correction: without it the estimate still follows, but the node does not.

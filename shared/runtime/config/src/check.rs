@@ -97,7 +97,7 @@ fn unambiguous(file: &SystemFile, robot: &RobotFile) -> Result<(), Problem> {
 /// Checks a system file for this robot.
 pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Problem> {
     names::check("name", &file.name)?;
-    number("rate_hz", file.rate_hz, "10 to 250 cycles per second", |v| (10.0..=250.0).contains(&v))?;
+    number("rate_hz", file.rate_hz, "10 to 500 cycles per second", |v| (10.0..=500.0).contains(&v))?;
     motor_io::check(&file.motor_io, robot.robot.anchors_m.len(), file.rate_hz)?;
     second_encoders(file, robot)?;
     file.arbiter.check_ranges("arbiter")?;

@@ -15,7 +15,7 @@ pub struct SystemFile {
     pub name: String,
     /// Path of the robot file.
     pub robot: PathBuf,
-    /// Control cycles per second, 10 to 250.
+    /// Control cycles per second, 10 to 500.
     #[serde(default = "default_rate")]
     pub rate_hz: f64,
     /// Folder in which run folders are created; for an example in /usr/share/nims, by default `nims/runs` of the

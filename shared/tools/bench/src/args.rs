@@ -16,7 +16,7 @@ pub struct Args {
     /// System file; its rate, scheduling, runs folder, law and estimator are measured.
     #[arg(long = "system", visible_alias = "config", value_name = "SYSTEM.toml")]
     pub system_file: Option<PathBuf>,
-    /// Control cycles per second, 10 to 250; default: from the system file, otherwise 100.
+    /// Control cycles per second, 10 to 500; default: from the system file, otherwise 100.
     #[arg(long, value_name = "HZ", value_parser = finite, allow_negative_numbers = true)]
     pub rate: Option<f64>,
     /// Duration of each part, s; default: as long as its figures need, 18 s in total.

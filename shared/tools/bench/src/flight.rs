@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn the_flight_works_at_every_permitted_rate() {
-        for rate_hz in [10.0, 100.0, 250.0] {
+        for rate_hz in [10.0, 100.0, 250.0, 500.0] {
             let settings = Settings { rate_hz, ..Settings::default() };
             let cycles = fly(&scenario(&settings).unwrap()).unwrap();
             let tensions = cycles.iter().flat_map(|cycle| cycle.truth_n.iter().copied().collect::<Vec<_>>());

@@ -93,7 +93,7 @@ pub fn tick_finding(found: &tick::TickResult, rate_hz: f64) -> Finding {
 /// Returns the highest permitted rate in tens of hertz at which this delay would not have been late.
 fn sufficient_rate(worst_s: f64) -> Option<u32> {
     let rate_hz = (0.5 / worst_s / 10.0).floor() * 10.0;
-    (10.0..=250.0).contains(&rate_hz).then_some(rate_hz as u32)
+    (10.0..=500.0).contains(&rate_hz).then_some(rate_hz as u32)
 }
 
 /// Evaluates the round trips.
@@ -229,7 +229,8 @@ mod tests {
     #[test]
     fn a_sufficient_rate_is_a_permitted_one() {
         assert_eq!(sufficient_rate(0.002), Some(250));
-        assert_eq!(sufficient_rate(0.001), None);
+        assert_eq!(sufficient_rate(0.001), Some(500));
+        assert_eq!(sufficient_rate(0.0009), None);
         assert_eq!(sufficient_rate(0.0049), Some(100));
         assert_eq!(sufficient_rate(0.0051), Some(90));
         assert_eq!(sufficient_rate(0.05), Some(10));

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// Permitted control rates, Hz.
-const RATES_HZ: [f64; 2] = [10.0, 250.0];
+const RATES_HZ: [f64; 2] = [10.0, 500.0];
 
 /// Fewest wake-ups of a certificate: the 99.99 % quantile then has a hundred later ones.
 pub(crate) const CERTIFIED_WAKE_UPS: u64 = 1_000_000;
@@ -152,10 +152,10 @@ mod tests {
 
     #[test]
     fn only_permitted_rates_are_accepted() {
-        for rate in [10.0, 250.0] {
+        for rate in [10.0, 500.0] {
             assert!(Settings::from_args(&Args { rate: Some(rate), ..default_args() }).is_ok());
         }
-        for rate in [9.9, 250.1, -100.0, 0.0] {
+        for rate in [9.9, 500.1, -100.0, 0.0] {
             let refused = Settings::from_args(&Args { rate: Some(rate), ..default_args() }).unwrap_err();
             assert!(matches!(&refused, Failure::BadInput(said) if said.contains("--rate")), "{refused}");
         }
