@@ -255,10 +255,7 @@ impl Robot {
         // motor-io may take up what was sent to it before on another lane after the stop: then it is told again. What
         // ends the motion is told again also if a request that only suspends it has followed.
         let ends = |again: &Waiting| again.request.body.verb == RequestBody::VERB_STOP;
-        if stops
-            && joined.lanes.get(MOTOR_IO).is_some_and(Lane::has_sent)
-            && !self.again.as_ref().is_some_and(ends)
-        {
+        if stops && joined.lanes.get(MOTOR_IO).is_some_and(Lane::has_sent) && !self.again.as_ref().is_some_and(ends) {
             self.again = Some(Waiting { tickets: Vec::new(), request: request.clone(), asked_ns });
         }
         let Some(lane) = joined.lanes.get_mut(name) else { return Ok(()) };

@@ -188,7 +188,11 @@ fn a_page_of_another_commit_is_not_installed_beside_the_gateway() {
             None => fs::remove_file(noted).unwrap(),
         }
         let output = install(&root, &["--programs", some.to_str().unwrap()]);
-        assert!(!output.status.success() && printed(&output).contains("scripts/page --release"), "{}", printed(&output));
+        assert!(
+            !output.status.success() && printed(&output).contains("scripts/page --release"),
+            "{}",
+            printed(&output)
+        );
         assert!(!root.join("opt/nims").exists());
     }
 }
@@ -367,7 +371,8 @@ fn an_update_of_a_library_restarts_no_robot() {
     // As needrestart reads the file and looks up a service.
     let judge = r#"our %nrconf; do shift; die $@ if $@; my %rc = %{$nrconf{override_rc}};
         for my $unit (@ARGV) { print "$unit\n" if grep { $unit =~ /$_/ && !$rc{$_} } keys %rc }"#;
-    let kept = ["nims@lab.service", "nims-gateway@lab.service", "nims-page@lab.service", "nims-plugin@lab_soil.service"];
+    let kept =
+        ["nims@lab.service", "nims-gateway@lab.service", "nims-page@lab.service", "nims-plugin@lab_soil.service"];
     let output = Command::new("perl").args(["-e", judge]).arg(settings).args(kept).arg("ssh.service").output();
     let Ok(output) = output else {
         return notes::left_out("an update of a library restarts no robot", "there is no perl");

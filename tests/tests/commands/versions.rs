@@ -122,7 +122,9 @@ impl Machine {
     /// Runs a script of a package, whose paths are below the folder.
     fn script(&self, name: &str, words: &[&str]) -> Output {
         let mut text = fs::read_to_string(host("debian").join(name)).unwrap().replace("@VERSION@", NEW);
-        for folder in ["/usr/lib/nims", "/opt/nims", "/run/systemd", "/run/udev", "/etc/sudoers.d", "/etc/systemd", "/proc"] {
+        for folder in
+            ["/usr/lib/nims", "/opt/nims", "/run/systemd", "/run/udev", "/etc/sudoers.d", "/etc/systemd", "/proc"]
+        {
             text = text.replace(folder, self.path(&folder[1..]).to_str().unwrap());
         }
         let script = self.path("script");
