@@ -64,7 +64,7 @@ fn the_position_from_before_the_cut_has_to_be_confirmed() {
     rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
 }
 
-/// Drivers continue the counts over a restart of a unit, which itself begins at zero: the next life finds its own count.
+/// Drivers continue the counts over a restart of a unit, which itself begins at zero: the next life finds that count.
 #[test]
 fn a_count_from_before_a_restart_is_no_motion_in_the_next_life() {
     let mut rig = Rig::default();

@@ -93,8 +93,8 @@ impl<T: Transport> Bus<T> {
     /// Uses the time until `deadline_ns`: reads the stop input, brings back units that are not in use, and when all
     /// are, reads currents and one slow value.
     ///
-    /// Starts nothing that is unlikely to end by the deadline, except for one reading where the call before had time for
-    /// none either. The results are in the next cycle's reports.
+    /// Starts nothing that is unlikely to end by the deadline, except for one reading where the call before had no time
+    /// for any either. The results are in the next cycle's reports.
     pub fn spend(&mut self, deadline_ns: u64) {
         self.begin_call(deadline_ns);
         // Time passed since the last answer.

@@ -14,8 +14,8 @@ use drives::Error;
 const PARTS: u64 = 3;
 
 impl<T: Transport> Bus<T> {
-    /// Leaves an answer to a later call. It is the drive that is late, where the question was sent in time: how long its
-    /// answers have lately taken is no excuse.
+    /// Leaves an answer to a later call. It is the drive that is late, where the question was sent in time: how long
+    /// its answers have lately taken is no excuse.
     pub(super) fn leave(&mut self, late: Late) -> Error {
         if late.command == Command::Read(Read::Version) {
             // The end of a text is not known before it is read.
@@ -30,8 +30,8 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// Waits on for an answer that an earlier call left. The cycle of its question is over, so an
-    /// acknowledgement or a count is of no use any more; but after it no older answer can follow.
+    /// Waits on for an answer that an earlier call left. The cycle of its question is over, so an acknowledgement
+    /// or a count is of no use any more; but after it no older answer can follow.
     pub(super) fn await_late(&mut self, late: Late, deadline_ns: u64) -> Result<(), Error> {
         let left = late.wanted - late.got;
         let mut room = [0; MAX_PACKET + 1];
