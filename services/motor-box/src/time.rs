@@ -14,9 +14,9 @@ use serial::{LeftOutClock, Program};
 
 use crate::BoxError;
 
-/// Longest delay of a wake-up that counts as ordinary, ns, and longest time that the box advances at once; half a period
-/// where that is shorter. Shared machines stop for a quarter of a second now and then, with everything on them. A box
-/// that made up for it would find that its drives had received nothing for that long, and stop them; after some
+/// Longest delay of a wake-up that counts as ordinary, ns, and longest time that the box advances at once; half a
+/// period where that is shorter. Shared machines stop for a quarter of a second now and then, with everything on them.
+/// A box that made up for it would find that its drives had received nothing for that long, and stop them; after some
 /// milliseconds, or half a period, it would have missed an exchange that was in time.
 const HICCUP_NS: u64 = 2_000_000;
 

@@ -22,8 +22,8 @@ fn brings_to_rest(request: &Request) -> bool {
     request.is_stop() || *request == Request::Disarm
 }
 
-/// Whether a request moves the robot, or permits motion: such a request is refused if the robot was told to stop after it
-/// was made, in whichever order the two arrive.
+/// Whether a request moves the robot, or permits motion: such a request is refused if the robot was told to stop after
+/// it was made, in whichever order the two arrive.
 fn may_move(request: &Request) -> bool {
     matches!(request, Request::Arm | Request::Reset | Request::Resume | Request::Jog { .. } | Request::Soft)
 }

@@ -164,9 +164,9 @@ impl Robot {
         if request.accepted == OperatorRequest::ACCEPTED && flies(request.body.verb) {
             self.flyer = Some(request);
         }
-        // The stops of this page, and the ends of what its browsers hold, pass through the gateway, which compares them.
+        // The stops of this page, and the ends of what its browsers hold, pass through the gateway. It compares them.
         if request.accepted == OperatorRequest::ACCEPTED
-            && stops(request.body.verb)
+            && request.body.is_stop()
             && request.pid != std::process::id()
         {
             self.stopped_ns = self.stopped_ns.max(request.header.stamp_ns);
@@ -352,11 +352,6 @@ fn flies(verb: u8) -> bool {
             | RequestBody::VERB_GOTO
             | RequestBody::VERB_RUN
     )
-}
-
-/// Requests that stop the robot.
-fn stops(verb: u8) -> bool {
-    matches!(verb, RequestBody::VERB_HOLD | RequestBody::VERB_PAUSE | RequestBody::VERB_STOP | RequestBody::VERB_ESTOP)
 }
 
 fn well(state: u8) -> bool {

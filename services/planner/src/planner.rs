@@ -18,8 +18,9 @@ use crate::refusal::Refusal;
 use crate::stopped::{not_taken_up, stopped_by};
 use mission::{Leg, Mission, PathShape};
 
-/// An estimate this many cycles behind motor-io is stale, if they also take this long, s: both samples reach the planner
-/// on their own ways, on a machine whose hiccups do not become shorter at a higher rate. It is 20 cycles of 250 Hz.
+/// An estimate this many cycles behind motor-io is stale, if they also take this long, s: both samples reach the
+/// planner on their own ways, on a machine whose hiccups do not become shorter at a higher rate. It is 20 cycles of 250
+/// Hz.
 const STALE_CYCLES: u64 = 20;
 const STALE_S: f64 = 0.080;
 

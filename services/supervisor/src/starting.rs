@@ -247,8 +247,8 @@ impl Supervisor {
         }
     }
 
-    /// Prints the last lines of the processes that did not come up, for the log of the service: their own is removed with
-    /// the run.
+    /// Prints the last lines of the processes that did not come up, for the log of the service: their own is removed
+    /// with the run.
     fn print_diagnostics(&mut self) {
         let missing = |child: &&ManagedProcess| child.ready_ns.is_none() || child.has_died();
         let said = |child: &ManagedProcess| {

@@ -33,8 +33,8 @@ const ANSWER_NS: u64 = 2_000_000;
 /// Periods below this one have a port for each unit, ns: `nims check` accepts no port with two units above 250 Hz. The
 /// units then answer at the same time ..
 const APART_BELOW_NS: u64 = 4_000_000;
-/// .. after this share of the period, in percent: 0.8 of 2 ms. A moteus at 3 Mbaud takes 0.82 ms, of which the 156 bytes
-/// of a cycle are 0.52.
+/// .. after this share of the period, in percent: 0.8 of 2 ms. One of the drive families takes 0.82 ms at 3 Mbaud, of
+/// which the 156 bytes of a cycle are 0.52.
 const APART_PERCENT: u64 = 40;
 
 /// Number of cycles per step of the planner.
