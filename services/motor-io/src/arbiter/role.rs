@@ -15,8 +15,8 @@
 
 use messages::{MotorSlots, SLOTS};
 
-/// Cycles for which another slot stands in for a silent one in charge, at up to 250 Hz; after more it takes its place. A
-/// standby that is silent for longer loses its phase. A hiccup of the machine is shorter.
+/// Cycles for which another slot stands in for a silent one in charge, at up to 250 Hz; after more it takes its place.
+/// A standby that is silent for longer loses its phase. A hiccup of the machine is shorter.
 pub const GONE_CYCLES: u32 = 3;
 /// Cycles in a row for which a standby may deviate too far from the slot in charge, at up to 250 Hz: laws differ where
 /// the motion changes.

@@ -7,8 +7,8 @@ use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
 /// Time without answers because motor-io was late, after which the robot stops on its path, s.
 pub(super) const LATE_S: f64 = 0.4;
-/// Cycles after which a planner that no longer publishes the motion counts as gone. Within fewer, it may be about to; at
-/// more than 250 Hz, within as long.
+/// Cycles after which a planner that no longer publishes the motion counts as gone. Within fewer, it may be about to;
+/// at more than 250 Hz, within as long.
 const ORPHANED_CYCLES: u32 = 5;
 
 impl Core {

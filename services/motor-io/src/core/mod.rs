@@ -377,7 +377,8 @@ impl Core {
             let passed_s = gap_s.min(self.config.watchdog_s) - left_out_s;
             jog.left_m -= self.sent.speed_m_s[jog.cable] * (passed_s - self.config.period_s);
         }
-        // Also a robot that a fault brakes: its motors stand, and would set out again with what is left of its velocity.
+        // Also a robot that a fault brakes: its motors stand, and would set out again with what is left of its
+        // velocity.
         if !self.is_at_rest() && gap_s > self.config.watchdog_s {
             self.restart_from_rest(gap_s > LONGEST_GAP_S);
         }

@@ -41,12 +41,13 @@ const FADE_S: f64 = 2.0;
 const FAST_SHARE: f64 = 0.5;
 /// Cycles in a row in which a cable may be faster: one may be a late reading.
 const FAST_CYCLES: u32 = 3;
-/// Cycles in a row in which a unit may not be read: as many as before it counts as lost, and at more than 250 Hz as long.
+/// Cycles in a row in which a unit may not be read: as many as before it counts as lost, and at more than 250 Hz as
+/// long.
 const UNREAD_CYCLES: u32 = 3;
 /// Largest speed of a cable at rest, m/s: a step of a coarse encoder within 50 ms.
 const REST_M_S: f64 = 0.003;
-/// Weight of the newest difference of lengths in the velocity: about two cycles, and at more than 250 Hz as long, because
-/// a step of an encoder is the larger a velocity, the shorter the cycle.
+/// Weight of the newest difference of lengths in the velocity: about two cycles, and at more than 250 Hz as long,
+/// because a step of an encoder is the larger a velocity, the shorter the cycle.
 const NEWEST: f64 = 0.5;
 /// Shares of the added forces that are tried until the tensions are within their limits.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.0];

@@ -15,8 +15,8 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quality {
     /// Samples that a deep subscriber (the recorder, the sensor logger) can lag behind before it loses the oldest: at
-    /// least 2.5 s at the channel's rate, and 1.25 s of control cycles at 500 Hz. All others have [`Quality::SHALLOW`] at
-    /// most.
+    /// least 2.5 s at the channel's rate, and 1.25 s of control cycles at 500 Hz. All others have [`Quality::SHALLOW`]
+    /// at most.
     pub buffer: usize,
     /// Samples kept for a recorder that joins late or is restarted: more than a second at the rate of the channel.
     pub history: usize,

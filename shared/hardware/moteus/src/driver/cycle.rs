@@ -11,8 +11,8 @@ use crate::status::STOP_PIN;
 
 /// Rounds of a cycle: a unit in fault answers so, is stopped, and then holds.
 const ROUNDS: usize = 3;
-/// Least time from one question about what changes slowly to the next, ns: one in each cycle at up to 250 Hz, one in every
-/// second cycle at 500 Hz. Faults of a cable show over tens of milliseconds.
+/// Least time from one question about what changes slowly to the next, ns: one in each cycle at up to 250 Hz, one in
+/// every second cycle at 500 Hz. Faults of a cable show over tens of milliseconds.
 const SLOW_EVERY_NS: u64 = 3_000_000;
 /// A unit may read its encoder this much later than it was asked, ns, while the motor moves on.
 const SAMPLE_JITTER_NS: u64 = 20_000_000;

@@ -160,8 +160,8 @@ impl<T: Transport> Bus<T> {
         self.wire_ns((units + 1) * self.answer_bytes()) + TURNAROUND_NS
     }
 
-    /// The same of the question about what changes slowly. Alone on a UART a unit answers after the question, and a rate
-    /// that `nims check` accepts has to leave the time that it counts.
+    /// The same of the question about what changes slowly. Alone on a UART a unit answers after the question, and a
+    /// rate that `nims check` accepts has to leave the time that it counts.
     pub(super) fn likely_slow_ns(&self, units: usize) -> u64 {
         if units == 1 && self.byte_ns > 0 {
             self.wire_ns(SLOW_BYTES) + UART_TURNAROUND_NS
