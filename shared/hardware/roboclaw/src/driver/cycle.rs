@@ -136,8 +136,11 @@ impl<T: Transport> Bus<T> {
         let Some(unit) = self.units.get(index) else { return Ok(()) };
         let (name, doubtful) = (Arc::clone(&unit.name), unit.doubtful);
         let refused = unit.interlocked && drive.iter().any(|drive| drive.moves());
-        if !refused {
-            self.command(index, drive)?;
+        // What is refused is motion. Its motors may still run where the connection was lost for less than the
+        // watchdog's time, and the questions would feed that, so it is told to stand.
+        self.command(index, if refused { drive.map(Drive::at_rest) } else { drive })?;
+        if refused && let Some(unit) = self.units.get_mut(index) {
+            unit.interlocked = true;
         }
         if doubtful {
             self.read_slow(index, Read::Watchdog)?;

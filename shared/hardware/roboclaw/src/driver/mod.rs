@@ -91,6 +91,15 @@ impl Drive {
     fn moves(self) -> bool {
         !matches!(self, Drive::Idle | Drive::HOLD | Drive::RELEASE)
     }
+
+    /// The same command without motion.
+    fn at_rest(self) -> Self {
+        match self {
+            Drive::Idle => Drive::Idle,
+            Drive::Speed(_) => Drive::HOLD,
+            Drive::Duty(_) => Drive::RELEASE,
+        }
+    }
 }
 
 /// Settings of a unit.

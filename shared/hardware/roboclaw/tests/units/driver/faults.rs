@@ -1,7 +1,7 @@
 //! Noise, silence, restarts, cables pulled: nothing stale, nothing falsely acknowledged, and back as soon as may be.
 
 use drives::Error;
-use roboclaw::codec::{Version, Write};
+use roboclaw::codec::{Motor, Version, Write};
 use roboclaw::driver::WIRE_MARGIN_NS;
 use roboclaw::unit::{Target, Unit, UnitBus, UnitOptions};
 use roboclaw::{Bus, BusConfig, Drive};
@@ -151,6 +151,30 @@ fn a_silent_unit_costs_the_others_little() {
     units(&mut run.bus)[0].mute_until(0);
     assert!(run.recover() < 80);
     assert_eq!(run.bus.report(0).unwrap().reboots, 0);
+}
+
+/// The driver has stopped it, and its caller, which commands motion all the time, does not know.
+#[test]
+fn a_unit_that_was_stopped_unheard_waits_for_a_command_to_hold() {
+    let moves = |run: &mut Run| matches!(units(&mut run.bus)[0].target(Motor::One), Target::Speed(v) if v != 0.0);
+    let mut run = Run::connected(two_units());
+    run.cycle(Drive::Speed(700));
+    units(&mut run.bus)[0].mute_until(u64::MAX);
+    let give_up_ns = run.tick_ns + 1_000 * MS;
+    while moves(&mut run) {
+        run.cycle(Drive::Speed(700));
+        assert!(run.tick_ns < give_up_ns, "it is never stopped");
+    }
+    // It is heard again before its watchdog would have stopped it.
+    units(&mut run.bus)[0].mute_until(0);
+    for _ in 0..60 {
+        run.cycle(Drive::Speed(700));
+        assert!(!moves(&mut run), "it moves again by itself");
+    }
+    assert!(matches!(run.answers[0].outcome, Err(Error::Interlocked { .. })), "{:?}", run.answers[0]);
+    run.recover();
+    run.cycle(Drive::Speed(700));
+    assert!(moves(&mut run));
 }
 
 #[test]
