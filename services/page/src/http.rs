@@ -149,14 +149,17 @@ async fn plain_stop(State(app): State<Arc<App>>, from: Option<Extension<Peer>>, 
         "estop" => Asked::Estop,
         _ => return (StatusCode::NOT_FOUND, "the plain page has stop and estop\n").into_response(),
     };
-    let sentence =
-        match stops::stop(&app, &Browser { token: None, from: from.map(|Extension(Peer(ip))| ip) }, request).await {
-            Ok(Reply::Answer { accepted: Accepted::Accepted, sentence, .. }) => sentence,
-            Ok(Reply::Answer { sentence, .. }) => format!("refused: {sentence}"),
-            Ok(_) => "the gateway's reply is of another kind; use the page of the same installation".to_owned(),
-            Err(failure) => failure.to_string(),
-        };
-    plain::page(&app.topics.live(), app.assets.are_there(), Some(&sentence))
+    let browser = Browser { token: None, from: from.map(|Extension(Peer(ip))| ip) };
+    let (status, sentence) = match stops::stop(&app, &browser, request).await {
+        Ok(Reply::Answer { accepted: Accepted::Accepted, sentence, .. }) => (StatusCode::OK, sentence),
+        Ok(Reply::Answer { sentence, .. }) => (StatusCode::OK, format!("refused: {sentence}")),
+        Ok(_) => {
+            let sentence = "the gateway's reply is of another kind; use the page of the same installation";
+            (StatusCode::BAD_GATEWAY, sentence.to_owned())
+        }
+        Err(failure) => (StatusCode::SERVICE_UNAVAILABLE, failure.to_string()),
+    };
+    (status, plain::page(&app.topics.live(), app.assets.are_there(), Some(&sentence))).into_response()
 }
 
 async fn upgrade(

@@ -165,9 +165,7 @@ impl Robot {
             self.flyer = Some(request);
         }
         // The stops of this page, and the ends of what its browsers hold, pass through the gateway. It compares them.
-        if request.accepted == OperatorRequest::ACCEPTED
-            && request.body.is_stop()
-            && request.pid != std::process::id()
+        if request.accepted == OperatorRequest::ACCEPTED && request.body.is_stop() && request.pid != std::process::id()
         {
             self.stopped_ns = self.stopped_ns.max(request.header.stamp_ns);
         }

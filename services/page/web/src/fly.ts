@@ -68,7 +68,7 @@ export class Fly {
                 h("label", {}, t("height"), this.heightSlider), this.finding, h("div", { class: "row" }, this.go, h("button", { class: "button", type: "button", click: () => this.aim(null) }, t("Clear")))),
             h("section", { class: "card" }, h("h2", {}, t("Move while held")), this.pad, this.cables));
         this.element = h("div", { class: "view fly" }, stage, panel);
-        this.acts.addEventListener("click", (event) => { if (this.areNew) event.stopPropagation(); }, { capture: true });
+        this.acts.addEventListener("click", (event) => { if (this.areNew && !(event.target as Element).closest("[data-stops]")) event.stopPropagation(); }, { capture: true });
         this.show(this.look);
         for (const [name, words, along] of DIRECTIONS) this.pad.append(this.heldButton(name, words, (held) => this.along(along, held)));
         if ("getGamepads" in navigator) this.watchSticks();
@@ -201,7 +201,7 @@ export class Fly {
     }
 
     private action(name: string, request: Request, main = false): HTMLButtonElement {
-        return h("button", { class: main ? "button main wide" : "button", type: "button", click: () => void this.ask(request) }, name);
+        return h("button", { class: main ? "button main wide" : "button", type: "button", "data-stops": request.verb === "pause", click: () => void this.ask(request) }, name);
     }
 
     /** The actions of the mode, the one that leads on first. */

@@ -263,7 +263,7 @@ export class Conversation {
         try {
             const response = await fetch(`/plain/${verb}`, { method: "POST", signal: AbortSignal.timeout(PLAIN_MS) });
             const text = new DOMParser().parseFromString(await response.text(), "text/html").querySelector("#answer")?.textContent ?? "";
-            return { reply: "answer", id: 0, accepted: response.ok && !text.startsWith("refused") ? "accepted" : "refused", reason: 0, sentence: text };
+            return { reply: "answer", id: 0, accepted: response.ok && text !== "" && !text.startsWith("refused") ? "accepted" : "refused", reason: 0, sentence: text };
         } catch {
             return refusal(0, t("the robot cannot be reached: use the hardware stop"));
         }
