@@ -217,12 +217,15 @@ impl Robot {
         })
     }
 
-    /// Sends a stop to a robot that runs and cannot be joined, perhaps because shared memory is full: a dead-man stop
-    /// that is due at once needs no place there, and has no answer.
-    fn stop_unjoined(&mut self, request: &OperatorRequest) -> Option<Box<RequestAnswer>> {
-        let why = self.unjoined.clone()?;
+    /// Sends a stop to a robot that runs and is not joined, perhaps because shared memory is full: a dead-man stop that
+    /// is due at once needs no place there, and has no answer. It has a sender of its own, so no later one replaces it.
+    fn stop_unjoined(&self, request: &OperatorRequest) -> Option<Box<RequestAnswer>> {
+        if self.joined.is_some() {
+            return None;
+        }
         let domain = Domain::existing(&self.domain).ok().flatten()?;
-        let sent = sender(&mut self.deadman)?.deposit(&domain, request, 0);
+        let sent = deadman::Sender::new().ok()?.deposit(&domain, request, 0);
+        let why = self.unjoined.clone().unwrap_or_else(|| format!("{} cannot be reached", self.name));
         let why = format!("{why}; the stop was sent, but this robot cannot answer: look at it");
         sent.then(|| Box::new(Reason::RobotUnreached { why: detail(why) }.answer()))
     }
@@ -492,20 +495,22 @@ mod tests {
     #[test]
     fn a_robot_that_runs_and_cannot_be_joined_is_stopped_all_the_same() {
         let domain = Domain::for_test();
-        let mut motor_io = deadman::Receiver::open(&domain).unwrap();
         let mut robot = Robot::new("demo".to_owned(), domain.name().to_owned(), PathBuf::from("unused"));
         let refused = |robot: &mut Robot, ticket, request: Request| {
             robot.ask(ticket, MOTOR_IO, Box::new(request.encode().unwrap()), now_ns()).unwrap_err().reason
         };
         let none_runs = Reason::NoRobotRuns { robot: detail("demo") }.code();
         assert_eq!(refused(&mut robot, 1, Request::Stop), none_runs);
-        assert!(motor_io.overdue().is_none());
-        robot.unjoined = Some("demo runs, but cannot be joined: shared memory is full".to_owned());
-        for (ticket, request) in (2..).zip([Request::Resume, Request::Stop, Request::Hold]) {
-            let unreached = Reason::RobotUnreached { why: detail("") }.code();
-            assert_eq!(refused(&mut robot, ticket, request.clone()), unreached);
-            let stopped = motor_io.overdue().map(|request| request.body.verb);
-            assert_eq!(stopped, request.is_stop().then(|| request.verb()));
+        let mut motor_io = deadman::Receiver::open(&domain).unwrap();
+        let unreached = Reason::RobotUnreached { why: detail("") }.code();
+        for why in [None, Some("demo runs, but cannot be joined: shared memory is full".to_owned())] {
+            robot.unjoined = why;
+            // Both arrive before motor-io reads: the second one does not replace the first.
+            assert_eq!([Request::Stop, Request::Hold].map(|request| refused(&mut robot, 2, request)), [unreached; 2]);
+            let stopped: Vec<_> = (0..3).map(|_| motor_io.overdue().map(|request| request.body.verb)).collect();
+            assert_eq!(stopped, [Some(RequestBody::VERB_STOP), Some(RequestBody::VERB_HOLD), None]);
+            refused(&mut robot, 3, Request::Resume);
+            assert!(motor_io.overdue().is_none());
         }
     }
 }
