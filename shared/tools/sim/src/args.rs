@@ -13,6 +13,13 @@ const LAW: &str = "controller.law";
 /// Flights that one command flies at most: a typing error in a range would otherwise fill the disk.
 const MOST_FLIGHTS: usize = 10_000;
 
+fn few_enough(flights: usize) -> Answer<()> {
+    if flights > MOST_FLIGHTS {
+        return Err(Failure::BadInput(format!("these are {flights} flights; accepted: at most {MOST_FLIGHTS}")));
+    }
+    Ok(())
+}
+
 /// Command-line arguments of `nims sim`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Args {
@@ -97,6 +104,7 @@ impl Args {
             (custom.number, custom.is_beside) = (variants.len() + 1, true);
             variants.push(custom);
         }
+        few_enough(variants.len())?;
         Ok(variants)
     }
 
@@ -110,9 +118,7 @@ impl Args {
     ) -> Answer<Vec<Variant>> {
         let seeds = self.worlds.as_ref().map(|worlds| worlds.0.as_slice()).unwrap_or_default();
         let count = sweeps.iter().map(|sweep| sweep.values.len()).product::<usize>() * seeds.len().max(1);
-        if count > MOST_FLIGHTS {
-            return Err(Failure::BadInput(format!("these are {count} flights; accepted: at most {MOST_FLIGHTS}")));
-        }
+        few_enough(count)?;
         let variants = product(sets, sweeps, seeds, self.weather()).into_iter();
         variants.map(|variant| variant.with_commands(commands, flown)).collect()
     }
