@@ -258,7 +258,7 @@ fn describe(name: &str, map: &SensorMap, extent: &Extent, written: &[PathBuf]) -
     let origin = extent.origin();
     let mixed_m = map.mixed_m();
     let value = json!({
-        "sensor": name, "samples_are": origin, "computed": extent.computed, "across_axis": map.plane().across_axis(), "mixed_m": mixed_m, "samples": counts.inside, "left_out": extent.samples - counts.inside,
+        "sensor": name, "samples_are": origin, "computed": extent.computed, "across_axis": map.plane().across_axis(), "mixed_m": mixed_m, "samples": counts.inside, "left_out": extent.samples.saturating_sub(counts.inside),
         "quantity": quantity, "unit": unit, "axes": map.plane().axes(),
         "origin_m": spec.origin_m, "cell_m": spec.cell_m, "columns": spec.columns, "rows": spec.rows,
         "reach_m": map.grid().options().reach_m, "known_cells": known.len(), "low": low, "high": high,

@@ -4,7 +4,7 @@ use messages::MotorAuthority;
 use robot_state::Periods;
 
 /// Time from which two losses by the same cause are two stretches, s.
-const APART_S: f64 = 0.1;
+const APART_S: f64 = 0.15;
 /// Largest number of stretches; a list of more is not read.
 const MOST: usize = 200;
 /// Stretches in one line of text.
@@ -84,7 +84,7 @@ impl Losses {
         longest.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
         let say = |one: &&Stretch| format!("{} at {:.2} s ({})", one.periods, one.from_s, one.cause);
         let listed: Vec<String> = longest.iter().map(say).collect();
-        let more = if more > 0 { format!("; {more} shorter stretches") } else { String::new() };
+        let more = if more > 0 { format!("; {more} further stretches") } else { String::new() };
         (!listed.is_empty()).then(|| format!("{}{more}", listed.join(", ")))
     }
 }
@@ -121,7 +121,7 @@ mod tests {
             losses.stretches().iter().map(|one| (one.cause, one.periods, one.cycles[0], one.cycles[1])).collect();
         assert_eq!(rows, [("drive", 4, 2, 7), ("computer", 1, 3, 3), ("drive", 1, 50, 50), ("answer", 20, 61, 61)]);
         let words = losses.words().unwrap();
-        assert_eq!(words, "4 at 0.02 s (drive), 1 at 0.03 s (computer), 20 at 0.61 s (answer); 1 shorter stretches");
+        assert_eq!(words, "4 at 0.02 s (drive), 1 at 0.03 s (computer), 20 at 0.61 s (answer); 1 further stretches");
         assert_eq!(Losses::default().words(), None);
     }
 
