@@ -146,6 +146,10 @@ fn three_hundred_connections_without_descriptors_change_nothing_for_those_who_ar
     assert_eq!(honest.ask(Request::Stop).1, Accepted::Accepted);
 }
 
+fn asked(id: u64, request: Request) -> Call {
+    Call::Ask { id, request, process: None, held: false, at_ns: None, pressed_ns: None }
+}
+
 /// Whatever was requested before a stop, the robot does not move after it.
 #[test]
 fn a_motion_that_was_requested_before_a_stop_never_begins_after_it() {
@@ -160,16 +164,10 @@ fn a_motion_that_was_requested_before_a_stop_never_begins_after_it() {
         for stop in &stops {
             robot.signal("planner", Signal::STOP);
             let late = Request::Goto { to_m: crate::robot::GOAL, path: GotoPath::Line, speed_m_s: Some(0.1) };
-            client.send(
-                &Call::Ask { id: 1, request: late, process: None, held: false, at_ns: None, pressed_ns: None },
-                &[],
-            );
+            client.send(&asked(1, late), &[]);
             // Sent to the planner, which does not answer.
             std::thread::sleep(Duration::from_millis(200));
-            client.send(
-                &Call::Ask { id: 2, request: stop.clone(), process: None, held: false, at_ns: None, pressed_ns: None },
-                &[],
-            );
+            client.send(&asked(2, stop.clone()), &[]);
             let mut answers = Vec::new();
             while answers.len() < 2 {
                 let Some((Reply::Answer { id, reason, accepted, .. }, _)) = client.next() else { panic!() };
@@ -186,14 +184,7 @@ fn a_motion_that_was_requested_before_a_stop_never_begins_after_it() {
             }
         }
         for round in 0..30_usize {
-            let frame = |id, request| {
-                encode(
-                    &Call::Ask { id, request, process: None, held: false, at_ns: None, pressed_ns: None }
-                        .header()
-                        .unwrap(),
-                    &[],
-                )
-            };
+            let frame = |id, request| encode(&asked(id, request).header().unwrap(), &[]);
             let mut bytes = Vec::new();
             let motions = 1 + round % 4;
             for id in 0..motions {
