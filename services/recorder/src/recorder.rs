@@ -14,9 +14,8 @@ use crate::session::Session;
 use crate::settings::Settings;
 
 /// Time between two polls of the channels, ns. Their buffers hold seconds; this bounds the loss by a kill beyond the
-/// last flush, and the error of `log_time` for types without a header: no longer than the period of the visualization.
-/// Most of a poll is looking at channels without a new sample.
-const POLL_NS: u64 = 40_000_000;
+/// last flush. Most of a poll is looking at channels without a new sample, so twice the period costs two thirds.
+const POLL_NS: u64 = 20_000_000;
 /// Time between two searches for channels that were not announced, ns.
 const SEARCH_NS: u64 = SECOND_NS;
 /// Rows of `recorder/status` that are published at once: the recorder receives them too, before it publishes the next,
