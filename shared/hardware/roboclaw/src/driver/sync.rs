@@ -177,7 +177,7 @@ impl<T: Transport> Bus<T> {
                 continue;
             }
             // The caller does not know that it has stopped.
-            unit.interlocked = true;
+            unit.interlocked |= now_ns >= unit.commanded_ns + watchdog_ns;
             let packet = Write::Duties([0; 2]).encode(unit.config.address);
             self.counters.exchanges += 1;
             let until_ns = now_ns + self.wire_ns(packet.len()) + self.margin_ns;
