@@ -161,6 +161,8 @@ impl Rig {
 
     /// A code for one browser, as `nims page pair` prints it.
     pub fn code(&self, holder: &str, role: &str) -> String {
+        // Waits for the gateway, which starts at the same time as the page.
+        self.nims(&["token", "list"]);
         let mut command = Command::new(program("nims-page"));
         command.args(["pair", holder, "--role", role, "--gateway"]).arg(&self.socket);
         let output = command.arg("--state").arg(self.folder.path().join("page")).output().unwrap();
