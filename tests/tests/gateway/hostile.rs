@@ -87,10 +87,7 @@ fn a_slow_reader_loses_samples_and_is_told_how_many() {
     // More than the socket and the queue hold.
     std::thread::sleep(Duration::from_secs(5));
     // It still does not read, and stops the robot.
-    slow.send(
-        &Call::Ask { id: 99, request: Request::Stop, process: None, held: false, at_ns: None, pressed_ns: None },
-        &[],
-    );
+    slow.send(&asked(99, Request::Stop), &[]);
     robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     let (mut samples, mut told) = (0_u64, 0);
     while told == 0 {
