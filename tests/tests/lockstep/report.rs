@@ -3,6 +3,8 @@
 use analysis::accuracy::analyse;
 use analysis::report::report;
 use command::Failure;
+use nims_sim::Tape;
+use nims_tests::lockstep::Lockstep;
 use nims_tests::recorded::record;
 use nims_tests::scenarios::Case;
 use runlog::export::{ExportRequest, Format, export};
@@ -140,4 +142,46 @@ fn what_is_no_run_is_named() {
     assert!(matches!(&nothing, Failure::BadInput(named) if named.contains("nothing")), "{nothing:?}");
     let empty = report(&[folder.path().to_path_buf()], None).unwrap_err();
     assert!(empty.to_string().contains(folder.path().to_str().unwrap()), "{empty}");
+}
+
+/// A motor that stalls in flight: the report, its page and the instant tell the same in one sentence.
+#[test]
+fn a_fault_is_told_in_one_sentence_by_the_report_and_at_its_instant() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("stall");
+    std::fs::create_dir_all(&run).unwrap();
+    let scenario = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] }.scenario(true).unwrap();
+    let mission = scenario.mission.clone();
+    let system_path = format!("{}/../configs/systems/demo3.toml", env!("CARGO_MANIFEST_DIR"));
+    let mut lockstep = Lockstep::new(scenario).unwrap();
+    lockstep.zero_and_arm().unwrap();
+    lockstep.run(&mission).unwrap();
+    let mut tape = Tape::new(&run.join("run.mcap"), Path::new(&system_path)).unwrap();
+    for number in 0..1200 {
+        if number == 800 {
+            lockstep.plant_mut().apply(plant::Fault::Stall { cable: 1, on: true }).unwrap();
+        }
+        let now = lockstep.cycle().unwrap();
+        tape.cycle(&now, lockstep.slots()).unwrap();
+    }
+    tape.finish().unwrap();
+
+    let told = report(std::slice::from_ref(&run), None).unwrap();
+    let figures = &told.value["runs"][0];
+    let (incidents, incident) = (figures["incidents"].as_array().unwrap(), &figures["incidents"][0]);
+    assert_eq!((incidents.len(), &incident["of"]), (1, &serde_json::json!(["cable 2"])), "{incidents:?}");
+    let (sentence, time_s) = (incident["sentence"].as_str().unwrap(), incident["time_s"].as_f64().unwrap());
+    assert!(sentence.contains("followed its motion") && sentence.contains("released cable 2"), "{sentence}");
+    assert!(incident["utc"].is_string() && incident["cycle"].as_u64().unwrap() > 800, "{incident}");
+    assert!(told.words.contains(&format!("fault      {sentence}")), "{}", told.words);
+    assert!(std::fs::read_to_string(run.join("report.html")).unwrap().contains(sentence));
+
+    let at = |at_s: f64| {
+        let at_ns = replay::instant_of(&run, &at_s.to_string()).unwrap();
+        replay::snapshot(&run, at_ns).unwrap()
+    };
+    assert_eq!(at(time_s - 1.0).happened, None);
+    let after = at(time_s + 0.5);
+    assert_eq!(after.happened.as_ref().map(|incident| incident.sentence.as_str()), Some(sentence));
+    assert!(after.words().contains(&format!("\nfault: {sentence}\n")), "{}", after.words());
 }

@@ -12,11 +12,13 @@ mod command_line;
 pub mod counters;
 pub mod export;
 pub mod identify;
+pub mod incidents;
 pub mod map;
 pub mod motor_table;
 pub mod portrait;
 pub mod report;
 pub mod run_list;
+mod run_time;
 pub mod runs;
 pub mod tracker;
 

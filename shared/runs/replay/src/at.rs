@@ -1,11 +1,12 @@
 //! `nims replay --at`: the inputs and outputs of every process at an instant, as the run recorded them.
 
 use crate::sample::sample_value;
+use analysis::incidents::{self, Incident};
 use command::{Answer, Failure};
 use messages::schema::{Number, Schema, Value as FieldValue};
 use messages::{
-    ControlStatus, Message, MotorAuthority, MotorInput, MotorSlots, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES,
-    channel_of,
+    ControlStatus, Message, MotorAuthority, MotorInput, MotorSlots, MotorState, NodeEstimate, PlanMotion, ProcessState,
+    SLOT_NAMES, channel_of,
 };
 use runlog::{Instant, KeptSample, RunClock, RunReader, seconds_since, utc};
 use serde::Serialize;
@@ -17,6 +18,9 @@ const SHOWN: usize = 8;
 
 /// Times in reports are rounded to a tenth of a second: as much later than the last sample is the end of the run, ns.
 const ROUNDED_NS: u64 = 100_000_000;
+
+/// Time after the begin of a fault in which it is stated also if it is over, s.
+const LATELY_S: f64 = 10.0;
 
 /// A sample of one channel.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -51,6 +55,8 @@ pub struct Snapshot {
     pub at_utc: String,
     /// Control cycle.
     pub cycle: Option<u64>,
+    /// The fault of the instant, or the last one of the ten seconds before, with what the robot did.
+    pub happened: Option<Incident>,
     /// The processes: the control chain, then the others by name.
     pub processes: Vec<Process>,
     /// Chunks of the run files that were read.
@@ -108,6 +114,7 @@ pub fn snapshot(run: &Path, at_ns: u64) -> Answer<Snapshot> {
         at_unix_ns: at_ns,
         at_utc: utc(at_ns),
         cycle: view.newest::<MotorAuthority>("motor/authority").map(|authority| authority.header.cycle),
+        happened: view.happened(run, at_ns)?,
         processes: view.processes(),
         chunks: instant.chunks,
     })
@@ -128,6 +135,22 @@ struct View<'a> {
 impl View<'_> {
     fn newest<T: Message>(&self, channel: &str) -> Option<T> {
         decode(self.instant.samples.get(channel)?.back()?)
+    }
+
+    /// Returns the last fault until a UNIX time, ns, if it is present or was shortly before. Only then is more of the
+    /// run read than the instant.
+    fn happened(&self, run: &Path, at_ns: u64) -> Answer<Option<Incident>> {
+        let stopped = |mode| [MotorAuthority::MODE_FAULTED, MotorAuthority::MODE_EMERGENCY_STOP].contains(&mode);
+        let authority = self.newest::<MotorAuthority>("motor/authority");
+        let present = authority.is_some_and(|authority| authority.faults != 0 || stopped(authority.mode));
+        let lost = [ProcessState::STATE_DIED, ProcessState::STATE_SILENT, ProcessState::STATE_GAVE_UP];
+        let mut rows =
+            self.instant.samples.get("system/process").into_iter().flatten().filter_map(decode::<ProcessState>);
+        if !present && !rows.any(|row| lost.contains(&row.state)) {
+            return Ok(None);
+        }
+        let at_s = seconds_since(at_ns, self.begin_ns);
+        Ok(incidents::until(run, at_ns)?.pop().filter(|last| present || at_s - last.time_s < LATELY_S))
     }
 
     fn entry(&self, kept: &KeptSample) -> Entry {
@@ -258,6 +281,7 @@ impl Snapshot {
     pub fn words(&self) -> String {
         let cycle = self.cycle.map_or_else(String::new, |cycle| format!(", cycle {cycle}"));
         let mut lines = vec![format!("{:.3} s of the run, {}{cycle}", self.at_s, self.at_utc)];
+        lines.extend(self.happened.iter().map(|incident| format!("fault: {}", incident.sentence)));
         for process in &self.processes {
             lines.push(format!("\n{}", process.process));
             let inputs = process.inputs.iter().map(|entry| ("in ", entry));
@@ -353,7 +377,8 @@ mod tests {
             assert!(refused.exit_code() == 2 && named.iter().all(|named| text.contains(named)), "{text}");
         }
         // The end as `nims info` rounds it.
-        assert_eq!(snapshot(folder.path(), at_ns(12.0)).unwrap().cycle, Some(1199));
+        let last = snapshot(folder.path(), at_ns(12.0)).unwrap();
+        assert_eq!((last.cycle, last.happened), (Some(1199), None));
         // The same for a file without an index.
         let file = folder.path().join("run-0002.mcap");
         let bytes = std::fs::read(&file).unwrap();

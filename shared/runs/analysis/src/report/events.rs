@@ -1,6 +1,6 @@
 //! Events of a run, one sentence each.
 
-use messages::{LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, RequestBody, text_of};
+use messages::{LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, Request, RequestBody, text_of};
 use robot_state::sentences::{fault_clauses, faults_of, mode_name, mode_sentence};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -88,6 +88,8 @@ pub struct Events {
     deaths: Vec<(f64, String)>,
     /// Time, bit and clause of each fault.
     clauses: Vec<(f64, u32, String)>,
+    /// Requests without an answer so far, by the process that asks and its number: time, user and what was asked for.
+    unanswered: BTreeMap<(u32, u64), (f64, Option<String>, String)>,
 }
 
 /// Last entry of a process in the process table.
@@ -102,6 +104,18 @@ struct ProcessEntry {
 /// Returns whether a process in this state ended unexpectedly.
 fn is_dead(state: u8) -> bool {
     matches!(state, ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP)
+}
+
+/// Returns what a request asks for, by its verb and its names.
+fn asked(request: &OperatorRequest) -> String {
+    if request.body.verb == RequestBody::VERB_FAULT {
+        return format!("asked for the fault \"{}\"", text_of(&request.text));
+    }
+    let asked = Request::decode(request).ok().and_then(|request| serde_json::to_value(request).ok());
+    let verb = asked.as_ref().and_then(|asked| asked["verb"].as_str()).unwrap_or("a request of another version");
+    let name = text_of(&request.name);
+    let of = if name.is_empty() { name } else { format!(" of {name}") };
+    format!("asked for {verb}{of}")
 }
 
 impl Events {
@@ -164,22 +178,31 @@ impl Events {
         }
     }
 
-    /// Records answered requests.
+    /// Records requests: an answered one as it is answered, the others at the end.
     pub fn request(&mut self, time_s: f64, request: &OperatorRequest) {
+        let requester = Some(text_of(&request.requester)).filter(|name| !name.is_empty());
+        let key = (request.pid, request.id);
         if request.answered != 1 {
+            if self.unanswered.len() < MAX_EVENTS {
+                self.unanswered.insert(key, (time_s, requester, asked(request)));
+            }
             return;
         }
-        let requester = Some(text_of(&request.requester)).filter(|name| !name.is_empty());
+        self.unanswered.remove(&key);
         if request.body.verb == RequestBody::VERB_MARK && request.accepted == OperatorRequest::ACCEPTED {
             self.push_of(time_s, EventKind::Mark, text_of(&request.text), requester);
             return;
         }
-        let answer = text_of(&request.answer);
-        let refused = if request.accepted == 1 { "" } else { "Refused: " };
-        if !answer.is_empty() {
-            let of = requester.as_ref().map_or_else(String::new, |name| format!("{name}: "));
-            self.push_of(time_s, EventKind::Operator, format!("{of}{refused}{answer}"), requester);
-        }
+        let accepted = request.accepted == OperatorRequest::ACCEPTED;
+        let answer = match text_of(&request.answer) {
+            // The answer says only that it was done.
+            _ if accepted && request.body.verb == RequestBody::VERB_FAULT => asked(request),
+            answer if answer.is_empty() => asked(request),
+            answer => answer,
+        };
+        let refused = if accepted { "" } else { "Refused: " };
+        let of = requester.as_ref().map_or_else(String::new, |name| format!("{name}: "));
+        self.push_of(time_s, EventKind::Operator, format!("{of}{refused}{answer}"), requester);
     }
 
     /// Records starts and ends of missions, and rejections. Returns whether the state of a mission changed.
@@ -287,8 +310,13 @@ impl Events {
         within.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, bit, clause)| (*bit, clause.clone()))
     }
 
-    /// Sorts the events by time.
+    /// Adds the requests that have no answer, and sorts the events by time.
     pub fn close(&mut self) {
+        for (time_s, requester, asked) in std::mem::take(&mut self.unanswered).into_values() {
+            let of = requester.as_ref().map_or_else(String::new, |name| format!("{name}: "));
+            let text = format!("{of}{asked}; the run has no answer to it");
+            self.push_of(time_s, EventKind::Operator, text, requester);
+        }
         self.events.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     }
 }
@@ -296,6 +324,7 @@ impl Events {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use robot_state::answers::detail;
     use robot_state::sentences::fault_sentences;
 
     #[test]
@@ -340,6 +369,28 @@ mod tests {
         ];
         assert_eq!(listed, wanted);
         assert_eq!(events.all()[2].requester.as_deref(), Some("bob"));
+    }
+
+    #[test]
+    fn a_fault_on_request_and_what_was_never_answered_are_listed() {
+        let mut events = Events::default();
+        let mut fault = Request::Fault { text: "stop controller".to_owned() }.encode().unwrap();
+        messages::put_text(&mut fault.requester, "ada");
+        (fault.pid, fault.id) = (7, 1);
+        events.request(1.0, &fault);
+        fault.put_answer(&robot_state::Reason::FaultDone { fault: detail("stop controller") }.answer());
+        events.request(1.1, &fault);
+        let mut hold = Request::Hold.encode().unwrap();
+        (hold.pid, hold.id) = (7, 2);
+        events.request(2.0, &hold);
+        events.close();
+        let listed: Vec<(EventKind, &str)> =
+            events.all().iter().map(|event| (event.kind, event.text.as_str())).collect();
+        let wanted = [
+            (EventKind::Operator, "ada: asked for the fault \"stop controller\""),
+            (EventKind::Operator, "asked for hold; the run has no answer to it"),
+        ];
+        assert_eq!(listed, wanted);
     }
 
     #[test]

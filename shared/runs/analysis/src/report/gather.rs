@@ -10,6 +10,8 @@ use super::trace::{DecimatedPoints, Trace};
 use super::wear::WearSum;
 use crate::accuracy::{AccuracySum, Analysis, Distances};
 use crate::counters::PeriodCounter;
+use crate::incidents::Incidents;
+use crate::run_time::RunTime;
 use crate::tracker::{Cycle, Tracker};
 use cable_robot::{Robot, Vector3};
 use command::{Answer, Failure};
@@ -20,7 +22,7 @@ use messages::{
     SystemConfig, text_of,
 };
 use robot_state::{DriveUnit, Periods, Reason};
-use runlog::{RecordedSample, RunInspection, RunReader, RunReport, seconds_since};
+use runlog::{RecordedSample, RunInspection, RunReader, RunReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -185,6 +187,8 @@ pub struct RunData {
     pub wear: WearSum,
     /// Events.
     pub events: Events,
+    /// Faults with their causes and what followed.
+    pub incidents: Incidents,
     /// Last heartbeat of each process.
     pub processes: BTreeMap<String, Heartbeat>,
     /// Sensor readings and samples.
@@ -254,7 +258,7 @@ pub fn gather(run: &Path, between: Option<[f64; 2]>, progress: &mut dyn FnMut(f6
     let mut inspection = RunInspection::default();
     let mut tracker = Tracker::default();
     let mut collector = Collector::new()?;
-    collector.begin_ns = reader.begin_ns();
+    collector.time = RunTime::new(reader.begin_ns());
     collector.data.deviations = Deviations::new(between);
     // A system file that this program does not accept leaves the ranges of the sensors unknown.
     collector.data.sensors = Sensors::new(crate::map::sensor_settings(run).unwrap_or_default());
@@ -293,10 +297,7 @@ pub(super) fn blank() -> RunData {
 
 /// Collects the samples of a run.
 struct Collector {
-    /// UNIX time from which the run counts, ns; without a clock the log time of the first sample.
-    begin_ns: Option<u64>,
-    /// The same instant on the clock of the stamps, ns.
-    mono_ns: Option<i128>,
+    time: RunTime,
     last_s: f64,
     tally: AccuracySum,
     count: PeriodCounter,
@@ -334,6 +335,7 @@ impl Collector {
             units: Vec::new(),
             wear: WearSum::default(),
             events: Events::default(),
+            incidents: Incidents::default(),
             processes: BTreeMap::new(),
             sensors: Sensors::default(),
             maps: BTreeMap::new(),
@@ -345,8 +347,7 @@ impl Collector {
             missions: BTreeMap::new(),
         };
         Ok(Self {
-            begin_ns: None,
-            mono_ns: None,
+            time: RunTime::default(),
             last_s: 0.0,
             tally: AccuracySum::default(),
             count: PeriodCounter::default(),
@@ -356,25 +357,18 @@ impl Collector {
     }
 
     fn clock(&mut self, recorded: &RecordedSample<'_>) {
-        let begin_ns = *self.begin_ns.get_or_insert(recorded.log_time_ns);
-        if self.mono_ns.is_none()
-            && let Some(authority) = recorded.decode::<MotorAuthority>()
-        {
-            let since = i128::from(recorded.log_time_ns) - i128::from(begin_ns);
-            self.mono_ns = Some(i128::from(authority.header.stamp_ns) - since);
-        }
+        self.time.observe(recorded);
         self.last_s = self.last_s.max(self.logged_s(recorded));
     }
 
     /// Returns the log time of a sample since the start, s.
     fn logged_s(&self, recorded: &RecordedSample<'_>) -> f64 {
-        let begin_ns = self.begin_ns.unwrap_or(recorded.log_time_ns);
-        seconds_since(recorded.log_time_ns, begin_ns)
+        self.time.logged_s(recorded.log_time_ns)
     }
 
     /// Returns the time of a stamp since the start, s.
     fn time_s(&self, stamp_ns: u64) -> f64 {
-        self.mono_ns.map_or(0.0, |mono_ns| (i128::from(stamp_ns) - mono_ns) as f64 * 1e-9)
+        self.time.stamped_s(stamp_ns)
     }
 
     fn cycle(&mut self, cycle: &Cycle<'_>) {
@@ -407,6 +401,7 @@ impl Collector {
         data.rate.add(time_s, authority.plan_rate);
         data.mode_and_slots(time_s, authority);
         data.events.cycle(time_s, authority);
+        data.incidents.cycle(time_s, authority, cycle.state);
         data.lost.cycle(time_s, authority);
         data.legs.cycle(time_s, cycle);
         data.deviations.cycle(time_s, cycle, cycle.segment.and_then(|_| data.legs.current()));
@@ -470,10 +465,16 @@ impl Collector {
         }
         match name {
             "operator/request" => {
-                recorded.decode::<OperatorRequest>().map(|request| data.events.request(time_s, &request)).is_some()
+                let Some(request) = recorded.decode::<OperatorRequest>() else { return false };
+                data.events.request(time_s, &request);
+                data.incidents.request(time_s, &request);
+                true
             }
             "system/process" => {
-                recorded.decode::<ProcessState>().map(|process| data.events.process(time_s, &process)).is_some()
+                let Some(process) = recorded.decode::<ProcessState>() else { return false };
+                data.events.process(time_s, &process);
+                data.incidents.process(time_s, &process);
+                true
             }
             "plan/status" => {
                 let Some(status) = recorded.decode::<PlanStatus>() else { return false };

@@ -89,8 +89,8 @@ pub fn page(runs: &[RunAssessment]) -> String {
     });
     section(&mut out, runs, "Events", |assessment| Part {
         figures: charts::timeline(&assessment.run),
+        before: tables::incidents(&assessment.run),
         after: tables::in_charge(&assessment.run) + &event_table(&assessment.run),
-        ..Part::default()
     });
     section(&mut out, runs, "Cables", |assessment| Part {
         before: cable_table(&assessment.run),

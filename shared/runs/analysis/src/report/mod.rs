@@ -120,12 +120,14 @@ fn save(path: &Path, text: &str) -> Answer {
         .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
 }
 
-/// Returns the verdict of a run, and why it was farthest from its setpoint.
+/// Returns the verdict of a run, why it was farthest from its setpoint, and what happened at each fault.
 fn sentences(assessment: &RunAssessment) -> Vec<String> {
     let RunAssessment { run, verdict, deviations, between, .. } = assessment;
     let mut words = vec![format!("{}: {}", run.name, verdict.sentence)];
     words.extend(deviations.last().map(|worst| format!("deviation  {}", worst.sentence)));
     words.extend(between.iter().flat_map(|between| between.words()));
+    let (incidents, _) = run.incidents.all();
+    words.extend(incidents.iter().map(|incident| format!("fault      {}", incident.sentence)));
     words.extend(run.lost.words().map(|lost| format!("lost       {lost}")));
     let tensions = run.cables.iter().enumerate().filter_map(|(at, cable)| Some((at + 1, cable.tension.extremes()?[1])));
     let most = tensions.max_by(|one, other| one.1.total_cmp(&other.1));

@@ -39,6 +39,25 @@ pub fn deviations(run: &[Explanation], between: Option<&Between>, legs: &[LegRep
     words_table(&table)
 }
 
+/// Renders what happened at each fault.
+pub fn incidents(run: &RunData) -> String {
+    let (incidents, left_out) = run.incidents.all();
+    if incidents.is_empty() {
+        return String::new();
+    }
+    let mut table = Table::new("What happened at each fault", &["s", "UTC", "cycle", "what happened"]);
+    for incident in incidents {
+        let cycle = if incident.cycle == 0 { "-".to_owned() } else { incident.cycle.to_string() };
+        let utc = run.utc(incident.time_s).unwrap_or_default();
+        table.row([format!("{:.2}", incident.time_s), utc, cycle, incident.sentence]);
+    }
+    let more = match left_out {
+        0 => String::new(),
+        more => format!("<p class=\"soft\">{more} further faults are not listed.</p>\n"),
+    };
+    words_table(&table) + &more
+}
+
 /// Renders which controller and estimator were in charge, with their parameters.
 pub fn in_charge(run: &RunData) -> String {
     let spans = run.in_charge.spans();

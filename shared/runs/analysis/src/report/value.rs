@@ -46,12 +46,21 @@ pub fn value(assessment: &RunAssessment) -> Value {
             })
         })
         .collect();
+    let (incidents, more_incidents) = run.incidents.all();
+    let incidents: Vec<Value> = incidents
+        .iter()
+        .map(|incident| {
+            let mut value = json!(incident);
+            value["utc"] = json!(run.utc(incident.time_s));
+            value
+        })
+        .collect();
     let lost: Vec<Value> = run.lost.stretches().iter().map(|stretch| lost(run, stretch)).collect();
     // Lists have limits, so that a page stays readable.
-    let left_out = json!({ "legs": run.legs.left_out, "events": run.events.left_out, "in_charge": run.in_charge.left_out, "lost": run.lost.left_out });
+    let left_out = json!({ "legs": run.legs.left_out, "events": run.events.left_out, "incidents": more_incidents, "in_charge": run.in_charge.left_out, "lost": run.lost.left_out });
     json!({
         "run": run.name, "verdict": verdict, "analysis": run.analysis, "flown_m": run.legs.flown_m(), "legs": legs, "cables": cables,
-        "times": times, "faults": run.events.faults, "events": events, "sensors": sensors, "missions_done": run.missions,
+        "times": times, "faults": run.events.faults, "events": events, "incidents": incidents, "sensors": sensors, "missions_done": run.missions,
         "deviations": deviations, "between": between, "in_charge": run.in_charge.spans(), "drive_units": run.units, "world": run.world, "unsteered": run.periods.unsteered(), "lost": lost, "version": runtime::build::description(),
         "wear": run.wear.result(run.robot.as_ref()), "lacks": run.lacks, "left_out": left_out, "recording": { "healthy": run.recording.healthy, "verdict": run.recording.verdict,
             "started_utc": run.recording.started, "duration_s": run.recording.duration_s, "messages": run.recording.messages,
