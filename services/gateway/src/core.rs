@@ -583,7 +583,7 @@ fn process_of(request: &Request, named: Option<&str>) -> Option<String> {
         | Request::Mark { .. }
         | Request::Set { .. } => client::SUPERVISOR,
         Request::Fault { .. } => match named {
-            Some(named) if OUTPUTS.contains(&named) => return Some(named.to_owned()),
+            Some(named) if OUTPUTS.contains(&named) || named == client::SUPERVISOR => return Some(named.to_owned()),
             _ => client::VIRTUAL_BOX,
         },
         _ => client::MOTOR_IO,

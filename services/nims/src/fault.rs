@@ -11,7 +11,7 @@ use messages::{MotorAuthority, Request};
 use motor_box::{FaultRequest, KINDS};
 use robot_state::sentences::{fault_sentences, mode_name};
 use runtime::OUTPUT_FAULTS;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::time::Duration;
@@ -386,14 +386,30 @@ fn to_process(link: &RobotLink, word: &str, signal: Signal, name: &str, seconds:
         names.sort_unstable();
         return Err(Failure::BadInput(format!("there is no process {name} here; there are {}", names.join(", "))));
     };
+    test_kill_process(pid).map_err(Failure::not_now)?;
+    // The supervisor may be the process that cannot answer afterwards, or that could not before.
+    let continues = signal == Signal::CONT;
+    if !continues {
+        put_on_record(link, word, name);
+    }
     kill_process(pid, signal).map_err(Failure::not_now)?;
+    if continues {
+        put_on_record(link, word, name);
+    }
     let mut sentence = format!("done: {word} {name} (process {number})");
     if let Some(seconds) = seconds {
         std::thread::sleep(Duration::from_secs_f64(seconds));
         kill_process(pid, Signal::CONT).map_err(Failure::not_now)?;
+        put_on_record(link, "continue", name);
         let _ = write!(sentence, ", which went on after {seconds} s");
     }
     Ok(sentence)
+}
+
+/// Records a fault of a process on `operator/request`, by the supervisor. Without one the fault is not on record, and
+/// happens all the same.
+fn put_on_record(link: &RobotLink, word: &str, name: &str) {
+    let _ = client::send(link, client::SUPERVISOR, &Request::Fault { text: format!("{word} {name}") });
 }
 
 #[cfg(test)]

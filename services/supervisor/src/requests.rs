@@ -94,6 +94,8 @@ impl Supervisor {
                 }
             }
             Request::Set { key, value } => self.set(key, value),
+            // `nims fault` sends the signal itself; the request is its record.
+            Request::Fault { text } => Ok(Reason::FaultDone { fault: detail(text) }),
             // The recorder has the request itself.
             Request::Mark { text } => Ok(Reason::Marked { mark: detail(text) }),
             _ => Ok(Reason::OtherProcess { takes: detail("requests for processes and parameters") }),

@@ -1,7 +1,7 @@
 //! Injected faults: each is detected within the cycles, and followed by the mode, of the table in `docs/faults.md`.
 
 use crate::robot::{Robot, program, root, steadily};
-use messages::{MotorAuthority, Request};
+use messages::{MotorAuthority, OperatorRequest, Request, text_of};
 use motor_box::{BoxFault, FaultRequest};
 use nims::fault::{ROWS, Row, page};
 use nims_tests::lockstep::Lockstep;
@@ -269,6 +269,11 @@ fn the_command_breaks_things_and_puts_them_right_again() {
     assert!(code == Some(2) && said.trim().lines().count() == 1, "{said}");
     let (code, said) = nims(&domain, &["stop", "nothing"]);
     assert!(code == Some(2) && said.contains("controller"), "{said}");
+    let mut requests = robot.bus.subscriber::<OperatorRequest>("operator/request").unwrap();
     let (code, said) = nims(&domain, &["stop", "controller", "--for", "0.3"]);
     assert_eq!(code, Some(0), "{said}");
+    // Signals reach a process without a request, and are on record all the same.
+    let requests = std::iter::from_fn(|| requests.receive().unwrap()).filter(|request| request.answered == 1);
+    let asked: Vec<String> = requests.map(|request| text_of(&request.text)).collect();
+    assert!(asked.ends_with(&["stop controller", "continue controller"].map(str::to_owned)), "{asked:?}");
 }
