@@ -71,9 +71,7 @@ pub enum Command {
         #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
         seconds: Option<f64>,
     },
-    /// Write an example sensor that runs unchanged, in Rust or in Python, as the start of a new sensor.
-    NewSensor(commissioning::new_sensor::Args),
-    /// Commands for use before the first flight.
+    /// Commands for use before the first flight, and the starts of new programs.
     #[command(flatten)]
     Commissioning(commissioning::Command),
     /// Evaluate the project's formulas for programs in any language: one JSON object per line in, one per line out.
@@ -150,7 +148,6 @@ impl Cli {
             Command::Swap(args) => swap::run(place, args),
             Command::Set(args) => set::set(place, args),
             Command::Fault { words, seconds } => fault::fault(place, words, *seconds),
-            Command::NewSensor(args) => commissioning::new_sensor::new_sensor(args),
             Command::Commissioning(command) => command.run(place),
             Command::Analysis(command) => closed_runs::run(place, command),
             Command::Runs { folder } => fetch::runs(place, folder.as_deref()),

@@ -3,7 +3,7 @@
 use crate::programs;
 
 /// Each group with its commands, in the order of their use.
-const GROUPS: [(&str, &[&str]); 8] = [
+const GROUPS: [(&str, &[&str]); 9] = [
     ("Try it without a robot", &["demo", "sim", "truth"]),
     (
         "Before a flight",
@@ -12,10 +12,8 @@ const GROUPS: [(&str, &[&str]); 8] = [
     ("Start and end", &["up", "arm", "disarm", "zero", "confirm-position", "reset"]),
     ("Fly", &["goto", "run", "pause", "resume", "speed", "jog", "soft", "hold", "stop", "estop", "mark"]),
     ("Look", &["status", "top", "channel", "page"]),
-    (
-        "Change in flight",
-        &["swap", "set", "start", "stop-process", "restart", "plug", "unplug", "new-sensor", "fault", "token"],
-    ),
+    ("Change in flight", &["swap", "set", "start", "stop-process", "restart", "plug", "unplug", "fault", "token"]),
+    ("Write your own", &["new-sensor", "new-law", "new-estimator"]),
     ("After a flight", &["runs", "fetch", "report", "map", "info", "export", "replay", "recover"]),
     ("Compute", &["ik", "fk", "tension", "plan", "workspace", "solve", "paper"]),
 ];

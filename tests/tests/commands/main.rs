@@ -9,6 +9,7 @@ mod hostile_files;
 mod install;
 mod interoperability;
 mod layouts;
+mod new_programs;
 mod plugin_units;
 mod sentences;
 mod setup;

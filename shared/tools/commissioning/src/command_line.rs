@@ -1,10 +1,11 @@
 //! The commands of this crate.
 
+use crate::new_program::{self, Kind, new_program};
 use crate::{calibrate, check, doctor, kinematics, loads, plan, setup, workspace};
 use client::Place;
 use command::{Answer, Output};
 
-/// Commands for the time before the first flight, without a running robot.
+/// Commands for the time before the first flight, and the starts of new programs, without a running robot.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Check a robot, system, mission, sensor or ground file; each finding has a remedy.
@@ -30,6 +31,12 @@ pub enum Command {
     Plan(plan::Args),
     /// Region where the cables can hold the node at rest: volume and margins.
     Workspace(workspace::Args),
+    /// Write an example sensor that runs unchanged, in Python or in Rust, as the start of a new sensor.
+    NewSensor(new_program::Args),
+    /// Write an example control law that flies unchanged, in Python or in Rust, as the start of a new law.
+    NewLaw(new_program::Args),
+    /// Write an example estimator that flies unchanged, in Python or in Rust, as the start of a new estimator.
+    NewEstimator(new_program::Args),
 }
 
 impl Command {
@@ -49,6 +56,9 @@ impl Command {
             Self::Loads(args) => loads::run(args),
             Self::Plan(args) => plan::run(args),
             Self::Workspace(args) => workspace::run(args),
+            Self::NewSensor(args) => new_program(Kind::Sensor, args),
+            Self::NewLaw(args) => new_program(Kind::Law, args),
+            Self::NewEstimator(args) => new_program(Kind::Estimator, args),
         }
     }
 }

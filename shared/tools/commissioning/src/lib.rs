@@ -14,7 +14,7 @@ pub mod doctor;
 pub mod finding;
 pub mod kinematics;
 pub mod loads;
-pub mod new_sensor;
+pub mod new_program;
 pub mod plan;
 mod readable;
 mod robot_findings;
