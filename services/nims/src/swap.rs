@@ -266,11 +266,13 @@ impl<'a> Robot<'a> {
             robot.print_progress(&progress(role, index, slots));
             let in_charge = usize::from(slots.in_charge[role]) == slot;
             if !in_charge && slots.commit_cycle[role] == 0 {
-                let cause = sentences::cause_phrase(role, slots.cause[index]);
-                let why = if cause.is_empty() { "had no output in the announced cycle" } else { cause };
+                let cause = slots.cause[index];
+                let phrase = sentences::cause_phrase(role, cause);
+                let why = if phrase.is_empty() { "had no output in the announced cycle" } else { phrase };
                 return Err(Failure::NotNow(format!(
-                    "not swapped: the new {} {why}; the old one stays in charge",
-                    robot.role_name()
+                    "not swapped: the new {} {why}, so the old one is in charge; {}",
+                    robot.role_name(),
+                    cure(cause)
                 )));
             }
             let over = slots.phase[other] != MotorSlots::PHASE_PROBATION && slots.fade[role] >= 1.0;
@@ -283,6 +285,19 @@ impl<'a> Robot<'a> {
     fn keeps_standby(&self) -> Answer<bool> {
         let file = client::system_of(self.link)?;
         Ok(file.process.iter().any(|section| section.role == self.role && section.standby))
+    }
+}
+
+/// Returns what to do after a swap that failed for this cause.
+fn cure(cause: u8) -> &'static str {
+    match cause {
+        // One late answer is enough.
+        MotorSlots::CAUSE_NONE | MotorSlots::CAUSE_ABSENT | MotorSlots::CAUSE_PROBATION => {
+            "give the same command again, because a busy computer delays single answers; if it fails again, end what \
+             else runs on the computer, and see in the log of the new one how long its answers take"
+        }
+        MotorSlots::CAUSE_RESTARTED => "see in its log why it ended, then give the same command again",
+        _ => "look at its log and its configuration before the next swap",
     }
 }
 
@@ -322,6 +337,18 @@ fn admit(link: &RobotLink, asked: &Args) -> Answer<Output> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_after_a_late_answer_the_same_swap_is_asked_for_again_at_once() {
+        let again = |cause: u8| cure(cause).starts_with("give the same command again");
+        let causes: Vec<u8> = (MotorSlots::CAUSE_NONE..=MotorSlots::CAUSE_PROBATION).collect();
+        let late: Vec<u8> = causes.iter().copied().filter(|cause| again(*cause)).collect();
+        assert_eq!(late, [MotorSlots::CAUSE_NONE, MotorSlots::CAUSE_ABSENT, MotorSlots::CAUSE_PROBATION]);
+        for cause in causes {
+            assert!(!sentences::cause_phrase(0, cause).contains("; "), "a second remedy");
+            assert!(!cure(cause).ends_with('.'), "the sentence goes on");
+        }
+    }
 
     #[test]
     fn the_progress_of_a_slot_is_described() {
