@@ -515,6 +515,14 @@ mod planar {
         assert_eq!(good["usable"], json!(true), "{good}");
         let own = answer(&["check", "configs/systems/aq4.toml", "--json"]);
         assert_eq!(own["usable"], json!(true), "{own}");
+        // The uncertainty of the file is more than its preload; softer cables make less of the same errors.
+        let softer = changed("robots/aq4.toml", "stiffness_n = 12000.0", "stiffness_n = 1000.0");
+        let softer = answer(&["check", &softer.file("systems/aq4.toml"), "--json"]);
+        for (checked, level) in [(&own, "warning"), (&softer, "note")] {
+            let findings = checked["findings"].as_array().unwrap();
+            let preload = findings.iter().find(|one| one["finding"].as_str().unwrap().contains("[uncertainty]"));
+            assert_eq!(preload.unwrap()["level"], level, "{checked}");
+        }
         for (mission, file) in [("spiral", "configs/systems/aq4.toml"), ("cross-section", SYSTEM)] {
             let value = answer(&["run", mission, "--dry-run", "--config", file, "--json"]);
             assert_eq!(value["feasible"], json!(false));

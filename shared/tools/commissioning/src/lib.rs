@@ -16,6 +16,7 @@ pub mod kinematics;
 pub mod loads;
 pub mod new_program;
 pub mod plan;
+mod preload;
 mod readable;
 mod robot_findings;
 pub mod setup;

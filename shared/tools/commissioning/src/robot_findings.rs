@@ -2,7 +2,7 @@
 
 use crate::bow::Bow;
 use crate::finding::{Finding, error, note, warning};
-use crate::swing;
+use crate::{preload, swing};
 use cable_robot::energy::MotorTable;
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::motor::DriveLoad;
@@ -102,6 +102,9 @@ pub(crate) fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
         ),
     });
     findings.extend(weight_finding(&robot, &at, distribution));
+    if file.calibration.is_none() {
+        findings.extend(preload::finding(&robot, &at, distribution));
+    }
     findings.extend(collinear_anchors(&robot));
     findings.extend(file.calibration.as_ref().map(calibration_finding));
     findings.extend(file.identified_in_words().map(note));
