@@ -123,7 +123,7 @@ impl Machine {
     fn script(&self, name: &str, words: &[&str]) -> Output {
         let mut text = fs::read_to_string(host("debian").join(name)).unwrap().replace("@VERSION@", NEW);
         for folder in
-            ["/usr/lib/nims", "/opt/nims", "/run/systemd", "/run/udev", "/etc/sudoers.d", "/etc/systemd", "/proc"]
+            ["/usr/lib/nims", "/opt/nims", "/run/systemd", "/run/udev", "/run/nims-page", "/etc/sudoers.d", "/proc"]
         {
             text = text.replace(folder, self.path(&folder[1..]).to_str().unwrap());
         }
@@ -339,7 +339,7 @@ fn the_page_is_replaced_while_it_runs() {
     assert!(machine.asked().iter().any(|line| line.contains("try-restart nims-page@*.service")));
 }
 
-/// `apt install` of the package nims alone removes those of its parts.
+/// `apt install` of the package nims alone removes those of its parts. A page that was stopped on purpose stays so.
 #[test]
 fn the_page_of_a_robot_that_runs_comes_back_after_its_removal() {
     let machine = Machine::with(OLD);
@@ -359,16 +359,30 @@ fn the_page_of_a_robot_that_runs_comes_back_after_its_removal() {
         }
     };
     machine.robot(10, NEW, "lab", "holding");
-    remove();
-    assert_eq!(there(), [true; 3]);
-    assert!(machine.asked().contains(&"systemctl stop nims-page@*.service".to_owned()));
-    let enabled = machine.path("etc/systemd/system/multi-user.target.wants");
-    fs::create_dir_all(&enabled).unwrap();
-    symlink("/usr/lib/systemd/system/nims-page@.service", enabled.join("nims-page@lab.service")).unwrap();
-    let output = machine.script("page/postinst", &["configure", NEW]);
-    assert!(output.status.success(), "{}", printed(&output));
-    let asked = machine.asked();
-    assert_eq!(asked.last().unwrap(), "systemctl start nims-page@lab.service", "{asked:?}");
+    let started = |words: &[&str]| {
+        let output = machine.script("page/postinst", words);
+        assert!(output.status.success(), "{}", printed(&output));
+        let asked = machine.asked();
+        asked.into_iter().filter(|line| line.starts_with("systemctl start")).collect::<Vec<_>>()
+    };
+    // As systemctl lists those that run.
+    let cases = [
+        (["configure", NEW], vec!["lab", r"far\x2driver"]),
+        (["abort-remove", ""], vec!["lab"]),
+        (["configure", NEW], Vec::new()),
+    ];
+    for (words, running) in cases {
+        let units = running.iter().map(|name| format!("nims-page@{name}.service loaded active running nims\n"));
+        fs::write(machine.path("units"), units.collect::<String>()).unwrap();
+        remove();
+        assert_eq!(there(), [true; 3]);
+        let asked = machine.asked();
+        let place = |words: &str| asked.iter().position(|line| line.starts_with(words)).expect(words);
+        assert!(place("systemctl list-units") < place("systemctl stop nims-page@*.service"), "{asked:?}");
+        let expected: Vec<_> = running.iter().map(|name| format!("systemctl start nims-page@{name}.service")).collect();
+        assert_eq!(started(&words), expected);
+        assert_eq!(started(&["configure", NEW]), Vec::<String>::new(), "an upgrade of the page alone");
+    }
     machine.ends(10);
     machine.ends(11);
     remove();
