@@ -54,6 +54,37 @@ need_version() {
         give_up "$1/$2 is not of this version: build it again with $3 --release, or remove it"
 }
 
+# Prints what `--version` of a program of version $1 ends with; see shared/runtime/runtime/build.rs.
+stated_version() {
+    local commit=""
+    case $1 in *+*) commit=${1#*+}; commit=${commit#*.} ;; esac
+    commit=${NIMS_COMMIT:-${commit/.dirty/-dirty}}
+    echo "${1%%+*} release${commit:+ $commit}"
+}
+
+# Refuses programs of another version than $1: processes of one version understand each other, and no others. $2 is
+# their folder, $3 their names; further words run a program. One that is missing is the matter of `put_files`.
+need_programs() {
+    local version=$1 bin=$2 names=$3 wanted program said
+    shift 3
+    wanted=$(stated_version "$version")
+    for program in $names; do
+        [ -e "$bin/$program" ] || continue
+        # A debug build states no commit.
+        said=$("$@" "$bin/$program" --version 2>&1 </dev/null | head -n 1) || true
+        case $said in
+            *" $wanted") ;;
+            *) give_up "$bin/$program is not of this version: it says \`$said\`, and this is $wanted; build it again" ;;
+        esac
+    done
+}
+
+# The programs of a list, as packages of the workspace.
+programs_of() { sed -n 's|^[0-9]*[?k]* *@bin@/\([^ /*]*\) .*|\1|p' "$1"; }
+
+# Prints one word as a shell reads it.
+shell_word() { printf "'%s'" "${1//\'/\'\\\'\'}"; }
+
 # Makes the man pages and completions in folder $2 with the built program $1/nims-manual; further words run it.
 make_manual() {
     local bin=$1 made=$2

@@ -4,12 +4,11 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches, Parser};
 use runtime::{BadInput, Chassis, CommonArgs};
 
 /// The virtual motor control box: drive units on pseudo-terminals, with winches, cables and a node behind them.
 #[derive(Debug, Parser)]
-#[command(version)]
 struct Args {
     #[command(flatten)]
     common: CommonArgs,
@@ -25,7 +24,9 @@ impl AsRef<CommonArgs> for Args {
 }
 
 fn main() -> ExitCode {
-    let args = Args::parse();
+    // States the build, as `runtime::main` does.
+    let given = Args::command().version(runtime::build::description()).get_matches();
+    let args = Args::from_arg_matches(&given).unwrap_or_else(|error| error.exit());
     let Some(folder) = args.ports_only else {
         return runtime::main::<Args>("motor-box", |_, chassis: &mut Chassis| motor_box::serve(chassis));
     };

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 /// Drives the motors: the clock of the robot, and the only process that moves it.
 #[derive(Debug, clap::Parser)]
-#[command(name = "motor-io", version)]
+#[command(name = "motor-io")]
 struct Args {
     #[command(flatten)]
     common: CommonArgs,

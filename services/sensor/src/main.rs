@@ -9,7 +9,6 @@ use runtime::CommonArgs;
 
 /// Publish the readings of a sensor on a serial port on sensor/NAME.
 #[derive(Debug, Parser)]
-#[command(version)]
 struct Args {
     #[command(flatten)]
     common: CommonArgs,

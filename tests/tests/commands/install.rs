@@ -197,6 +197,61 @@ fn a_page_of_another_commit_is_not_installed_beside_the_gateway() {
     }
 }
 
+/// What bash prints with the functions of the scripts.
+fn in_bash(text: &str, words: &[&str]) -> String {
+    let mut command = Command::new("bash");
+    command.args(["-c", &format!("set -euo pipefail; . scripts/common.sh; {text}"), "bash"]).args(words);
+    let output = command.current_dir(project()).env_remove("NIMS_COMMIT").output().unwrap();
+    assert!(output.status.success(), "{}", printed(&output));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn programs_of_another_version_become_no_package() {
+    if Command::new("dpkg-deb").arg("--version").output().is_err() {
+        return notes::left_out("programs of another version become no package", "there is no dpkg-deb");
+    }
+    let folder = tempfile::Builder::new().prefix("with spaces ").tempdir().unwrap();
+    let some = programs(folder.path(), "some");
+    let package = || {
+        let mut command = Command::new(project().join("scripts/package"));
+        command.arg("--programs").arg(&some).arg("--out").arg(folder.path().join("out"));
+        printed(&command.env("SOURCE_DATE_EPOCH", "0").env_remove("NIMS_COMMIT").output().unwrap())
+    };
+    let state = |program: &str, version: &str| {
+        fs::write(some.join(program), format!("#!/bin/sh\necho {program} {version}\n")).unwrap();
+    };
+    let version = in_bash("stated_version \"$(nims_version)\"", &[]);
+    for program in workspace() {
+        state(&program, version.trim());
+    }
+    // Now the man pages are next, whose program is not there.
+    let said = package();
+    assert!(!said.contains("version") && said.contains("nims-manual"), "{said}");
+    for other in ["0.1.0 release 0123456789", "0.1.0 debug", ""] {
+        state("planner", other);
+        let said = package();
+        assert!(said.contains("/planner") && said.contains(version.trim()), "{said}");
+    }
+    assert_eq!(fs::read_dir(folder.path().join("out")).unwrap().count(), 0);
+}
+
+#[test]
+fn the_scripts_read_versions_and_quote_paths() {
+    for (version, stated) in [
+        ("0.1.0+20261126000000.0123456789", "0.1.0 release 0123456789"),
+        ("0.1.0+20261126000000.0123456789.dirty", "0.1.0 release 0123456789-dirty"),
+        ("0.1.0", "0.1.0 release"),
+    ] {
+        assert_eq!(in_bash("stated_version \"$1\"", &[version]).trim_end(), stated);
+    }
+    // As the crate cc splits CFLAGS.
+    for word in ["-f=/plain", "-f=/with two  spaces", "-f=/it's \"$HOME\" \\x"] {
+        let quoted = in_bash("shell_word \"$1\"", &[word]);
+        assert_eq!(in_bash(&format!("printf '%s\\n' {quoted} {quoted}"), &[]), format!("{word}\n{word}\n"));
+    }
+}
+
 #[test]
 fn the_list_of_files_names_every_program_of_the_robot() {
     let list = fs::read_to_string(project().join("configs/host/files")).unwrap();
