@@ -5,7 +5,7 @@ use super::machine::{DomainFacts, Limits, Machine, Memory, PortFacts, Runs};
 use super::realtime::Wanted;
 use bus::{Domain, clock};
 use client::Running;
-use config::{Role, SystemFile};
+use config::{RealtimeSection, Role, SystemFile};
 use evidence::busy::SystemLoad;
 use rustix::fs::{Access, access, major, minor, statfs, statvfs};
 use rustix::process::{Pid, Resource, geteuid, getrlimit, test_kill_process};
@@ -173,12 +173,20 @@ pub fn wanted(root: &Path, file: Option<&SystemFile>) -> Wanted {
     let name = std::env::var("USER").unwrap_or_default();
     Wanted {
         rate_hz: file.map_or(0.0, |file| file.rate_hz),
+        left_out: file.map(|file| left_out(&file.realtime)).unwrap_or_default(),
         cpu: file.and_then(|file| file.realtime.cpu),
         keeps_awake: file.is_some_and(|file| file.realtime.idle_latency_us.is_some()),
         runs_on_sd_card: file.filter(is_on_card).map(|file| file.runs.clone()),
         user,
         lingers: !name.is_empty() && root.join("var/lib/systemd/linger").join(name).exists(),
     }
+}
+
+/// Keys that give the control chain precedence and are not set.
+fn left_out(section: &RealtimeSection) -> Vec<&'static str> {
+    let keys =
+        [("priority", section.priority > 0), ("lock_memory", section.lock_memory), ("cpu", section.cpu.is_some())];
+    keys.iter().filter(|(_, is_set)| !is_set).map(|(key, _)| *key).collect()
 }
 
 fn runs(file: &SystemFile) -> Runs {

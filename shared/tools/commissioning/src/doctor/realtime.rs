@@ -21,6 +21,8 @@ const FIRST_ORDINARY_USER: u32 = 1000;
 pub struct Wanted {
     /// Control rate, Hz; 0 without a system file.
     pub rate_hz: f64,
+    /// Keys of `[realtime]` that the system file leaves out, of those that give the control chain precedence.
+    pub left_out: Vec<&'static str>,
     /// Processor of the control chain.
     pub cpu: Option<usize>,
     /// Whether the processors are kept from deep sleep.
@@ -63,6 +65,10 @@ impl From<Finding> for Examined {
 #[must_use]
 pub fn examine(kernel: &Kernel, wanted: &Wanted) -> Vec<Examined> {
     let mut found = vec![preemption(kernel, wanted)];
+    if !wanted.left_out.is_empty() {
+        let keys = wanted.left_out.join(", ");
+        found.push(note(format!("[realtime] of the system file leaves out {keys}; see docs/real-time.md")).into());
+    }
     found.extend(governors(kernel));
     found.extend(idle(kernel, wanted));
     found.extend(wanted.cpu.and_then(|cpu| isolation(kernel, cpu)));
@@ -237,8 +243,15 @@ mod tests {
         }
     }
 
-    const WANTED: Wanted =
-        Wanted { rate_hz: 250.0, cpu: Some(3), keeps_awake: false, runs_on_sd_card: None, user: 999, lingers: false };
+    const WANTED: Wanted = Wanted {
+        rate_hz: 250.0,
+        left_out: Vec::new(),
+        cpu: Some(3),
+        keeps_awake: false,
+        runs_on_sd_card: None,
+        user: 999,
+        lingers: false,
+    };
 
     #[test]
     fn a_sound_machine_has_one_note() {
@@ -312,6 +325,8 @@ mod tests {
             kernel.interrupts.push(Interrupt { number: 7, cpus: vec![0, 3] });
             wanted.cpu = None;
         });
+        let found = quiet(&|_, wanted| (wanted.cpu, wanted.left_out) = (None, vec!["lock_memory", "cpu"]));
+        assert!(found.len() == 2 && found[1].finding.finding.contains("lock_memory, cpu"), "{found:?}");
         // A kernel that does not tell where its workers are.
         quiet(&|kernel, _| kernel.workers_mask.clear());
         // A service's user, and one who lingers.
