@@ -1,5 +1,6 @@
 //! Writes into the run folder while the robot runs, on its own thread: a disk can block its writer for seconds.
 
+use super::copies::{SharedCopies, replace};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -17,19 +18,17 @@ const LARGEST: u64 = 1 << 20;
 const LONGEST_NAME: usize = 60;
 /// Longest wait for the files of a request: less than the heartbeat timeout after which motor-io treats the supervisor
 /// as dead.
-const PATIENCE: Duration = Duration::from_millis(1500);
+pub const PATIENCE: Duration = Duration::from_millis(1500);
 
 enum Job {
     /// Copies a file to `PLACE/NUMBER-NAME`.
     Copy { original: PathBuf, place: &'static str, name: String, always: bool },
     /// Copies a file that a process is about to read, and sends the path of the copy.
     CopyNow { original: PathBuf, name: String, copy: Sender<PathBuf> },
-    /// Restores copies that were removed.
-    Restore,
-    /// Replaces a file atomically.
-    Write { path: PathBuf, text: String },
-    /// Replaces files, and sends why not.
-    WriteNow { files: Vec<(PathBuf, String)>, written: Sender<Result<(), String>> },
+    /// Restores a run folder that was removed.
+    Restore { copies: SharedCopies, manifest: (PathBuf, String) },
+    /// Replaces files, each atomically, and sends why not; without a receiver that is reported.
+    Write { files: Vec<(PathBuf, String)>, written: Option<Sender<Result<(), String>>> },
 }
 
 /// Carries out write jobs in the order in which they were queued.
@@ -93,18 +92,19 @@ impl Archive {
     /// Why they are not written, as a clause. After a timeout they may still be written later.
     pub fn write_in_time(&self, files: Vec<(PathBuf, String)>) -> Result<(), String> {
         let (written, result) = channel();
-        self.send(Job::WriteNow { files, written });
+        self.send(Job::Write { files, written: Some(written) });
         result.recv_timeout(PATIENCE).unwrap_or_else(|_| Err("the disk of the run does not answer".to_owned()))
     }
 
-    /// Restores copies that were removed together with the run folder.
-    pub fn restore(&self) {
-        self.send(Job::Restore);
+    /// Restores the run folder, if it was removed: the configuration, the copies, and then the manifest, whose presence
+    /// marks a complete folder.
+    pub fn restore(&self, copies: SharedCopies, manifest: (PathBuf, String)) {
+        self.send(Job::Restore { copies, manifest });
     }
 
-    /// Replaces a file.
+    /// Replaces a file; its folder has to be there.
     pub fn write(&self, path: PathBuf, text: String) {
-        self.send(Job::Write { path, text });
+        self.send(Job::Write { files: vec![(path, text)], written: None });
     }
 
     fn send(&self, job: Job) {
@@ -114,18 +114,18 @@ impl Archive {
         }
     }
 
-    /// What could not be written since the last call, in sentences.
-    pub fn take_write_errors(&self) -> Vec<String> {
+    /// What to report since the last call, in sentences: what could not be written, and a folder that was restored.
+    pub fn take_reports(&self) -> Vec<String> {
         self.troubles.try_iter().collect()
     }
 
-    /// Waits until everything is written; returns what could not be written.
+    /// Waits until everything is written; returns what is left to report.
     pub fn finish(&mut self) -> Vec<String> {
         self.jobs = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
-        self.take_write_errors()
+        self.take_reports()
     }
 }
 
@@ -152,19 +152,17 @@ impl ArchiveWorker {
                 // The requester may have timed out.
                 let _ = copy.send(path);
             }),
-            Job::Restore => self.restore(),
-            Job::Write { path, text } => {
-                replace(path, text.as_bytes()).map_err(|error| format!("{} cannot be written: {error}", path.display()))
-            }
-            Job::WriteNow { files, written } => {
-                let result = files.iter().try_for_each(|(path, text)| {
-                    let folder = path.parent().unwrap_or(self.run.as_path());
-                    let made = fs::create_dir_all(folder).and_then(|()| replace(path, text.as_bytes()));
-                    made.map_err(|error| format!("{}: {error}", path.display()))
-                });
-                // The requester may have timed out.
-                let _ = written.send(result);
-                Ok(())
+            Job::Restore { copies, manifest } => self.restore(copies, manifest),
+            Job::Write { files, written } => {
+                let result = files.iter().try_for_each(|(path, text)| write(path, text.as_bytes()));
+                match written {
+                    Some(written) => {
+                        // The requester may have timed out.
+                        let _ = written.send(result);
+                        Ok(())
+                    }
+                    None => result,
+                }
             }
         }
     }
@@ -193,24 +191,26 @@ impl ArchiveWorker {
         Ok(copy)
     }
 
-    fn restore(&self) -> Result<(), String> {
-        for (copy, bytes) in self.contents.iter().filter(|(copy, _)| !copy.exists()) {
-            let folder = copy.parent().unwrap_or(self.run.as_path());
-            let written = fs::create_dir_all(folder).and_then(|()| replace(copy, bytes));
-            written.map_err(|error| format!("{} cannot be written: {error}", copy.display()))?;
+    fn restore(&self, copies: &SharedCopies, (manifest, text): &(PathBuf, String)) -> Result<(), String> {
+        // A manifest that was written meanwhile makes no complete folder.
+        if manifest.exists() && self.contents.keys().all(|copy| copy.exists()) {
+            return Ok(());
         }
-        Ok(())
+        let restored = copies.restore(&self.run);
+        if restored.back.is_ok() {
+            for (copy, bytes) in self.contents.iter().filter(|(copy, _)| !copy.exists()) {
+                let folder = copy.parent().unwrap_or(self.run.as_path());
+                fs::create_dir_all(folder).map_err(|error| format!("{} cannot be made: {error}", folder.display()))?;
+                write(copy, bytes)?;
+            }
+            write(manifest, text.as_bytes())?;
+        }
+        restored.sentence(&self.run).map_or(Ok(()), Err)
     }
 }
 
-/// Writes a file atomically: a reader gets the old content or the new one.
-///
-/// # Errors
-/// Its folder cannot be written.
-pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut fresh = path.as_os_str().to_owned();
-    fresh.push(".new");
-    fs::write(&fresh, bytes).and_then(|()| fs::rename(&fresh, path))
+fn write(path: &Path, bytes: &[u8]) -> Result<(), String> {
+    replace(path, bytes).map_err(|error| format!("{} cannot be written: {error}", path.display()))
 }
 
 #[cfg(test)]
@@ -229,8 +229,9 @@ mod tests {
         let (run, given) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let file = given.path().join("wind.toml");
         let mut archive = Archive::open(run.path()).unwrap();
+        // Once: the worker reads it meanwhile.
+        fs::write(&file, "a = 1\n").unwrap();
         for _ in 0..2 {
-            fs::write(&file, "a = 1\n").unwrap();
             archive.copy_mission("wind", file.clone());
             archive.copy_process_file("wind", file.clone());
         }
@@ -256,7 +257,7 @@ mod tests {
     fn a_disk_that_does_not_answer_delays_a_request_once() {
         let (run, given) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let mut archive = Archive::open(run.path()).unwrap();
-        let kept = run.path().join("again/set.toml");
+        let kept = run.path().join("set.toml");
         archive.write_in_time(vec![(kept.clone(), "a = 1\n".to_owned())]).unwrap();
         assert_eq!(fs::read_to_string(&kept).unwrap(), "a = 1\n");
         let refused = archive.write_in_time(vec![(kept.join("x"), String::new())]).unwrap_err();
@@ -289,12 +290,21 @@ mod tests {
             // Jobs run in order: when this copy exists, the previous one does too.
             archive.copy_for(&text[4..5], file.clone(), Archive::deadline()).unwrap();
         }
+        let copies = SharedCopies::default();
+        copies.with(|copies| copies.add("robot.toml", "r = 1\n".to_owned()));
+        let manifest = (run.join("manifest.json"), "{}\n".to_owned());
+        archive.restore(copies.clone(), (file.clone(), String::new()));
+        archive.copy_for("last", file.clone(), Archive::deadline()).unwrap();
         fs::remove_dir_all(&run).unwrap();
-        archive.restore();
-        assert!(archive.finish().is_empty());
+        archive.restore(copies, manifest.clone());
+        let reports = archive.finish();
+        // Nothing of a folder whose manifest is there.
+        assert!(reports.len() == 1 && reports[0].contains("robot.toml"), "{reports:?}");
         let read = |path: PathBuf| fs::read_to_string(path).unwrap();
         assert_eq!(read(copy), "w = 1\n");
         assert_eq!(read(run.join(MISSIONS).join("1-over.toml")), "a = 1\n");
         assert_eq!(read(run.join(MISSIONS).join("2-over.toml")), "a = 2\n");
+        assert_eq!(read(run.join("robot.toml")), "r = 1\n");
+        assert_eq!(read(manifest.0), manifest.1);
     }
 }

@@ -1,7 +1,6 @@
 //! The end of a run: stops the robot, ends the processes in order, and completes the run files.
 
 use super::managed_process::{ManagedProcess, ending};
-use super::process_spec::ProcessSpec;
 use super::unfinished_runs::parts;
 use super::{RunOutcome, Supervisor, stale_processes};
 use bus::BusError;
@@ -197,11 +196,10 @@ impl Supervisor {
             .iter()
             .map(|child| {
                 let (member, ended) = (&child.member, child.exit.map(ending));
-                let program = std::fs::metadata(&member.program).ok();
                 json!({
                     "name": member.name, "role": member.role.name(), "law": member.law, "pid": child.pid,
-                    "program": member.program, "version": child.version, "program_bytes": program.as_ref().map(|file| file.len()),
-                    "program_utc": program.and_then(|file| file.modified().ok()).map(utc),
+                    "program": member.program, "version": child.version, "program_bytes": child.program.map(|(bytes, _)| bytes),
+                    "program_utc": child.program.map(|(_, changed)| utc(changed)),
                     "restarts": child.restarts.total, "ended": ended,
                 })
             })
@@ -214,21 +212,6 @@ impl Supervisor {
         self.folder.record_processes(processes);
         let (path, text) = self.folder.manifest();
         self.archive.write(path, text);
-    }
-
-    /// Stores a copy of each file that the command of a process names, such as a script or a sensor's configuration.
-    pub(super) fn archive_files_of(&mut self, member: &ProcessSpec) {
-        let Some(folder) = &member.folder else { return };
-        let arguments = member.args.iter().map(Path::new).chain([member.program.as_path()]);
-        let kept = |path: &Path| {
-            path.extension().is_some_and(|ending| runlog::ATTACHED_ENDINGS.iter().any(|kept| ending == *kept))
-        };
-        for path in arguments.filter(|path| kept(path)).map(|path| folder.join(path)) {
-            // A copy in this run folder needs no further copy.
-            if path.is_file() && !path.starts_with(&self.context.run) {
-                self.archive.copy_process_file(&member.name, path);
-            }
-        }
     }
 
     /// Closes the run files that a recorder left open.

@@ -7,10 +7,13 @@ use config::{MOTOR_BOX, RESOLVED};
 use runlog::SYSTEM_FILE;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::{fs, io};
 
 /// Names that the run folder uses for its own files.
-const RESERVED: [&str; 6] = [SYSTEM_FILE, "mission.toml", "manifest.json", "set.toml", RESOLVED, MOTOR_BOX];
+const RESERVED: [&str; 6] = [SYSTEM_FILE, "mission.toml", MANIFEST, "set.toml", RESOLVED, MOTOR_BOX];
+/// The manifest of a run; its presence marks a complete folder.
+pub const MANIFEST: &str = "manifest.json";
 /// Largest configuration file, bytes; a motor table has a few thousand.
 const LARGEST: u64 = 16 << 20;
 
@@ -70,24 +73,92 @@ impl Copies {
         }
         Ok(())
     }
+}
 
-    /// Restores files that were changed or removed, and returns their names.
-    ///
-    /// # Errors
-    /// The path that cannot be written, and why.
-    pub fn restore(&self, folder: &Path) -> Result<Vec<String>, (PathBuf, io::Error)> {
+/// Copies of a run that threads restore: a disk can block one of them while the supervisor changes the content.
+#[derive(Debug, Clone, Default)]
+pub struct SharedCopies(Arc<Shared>);
+
+#[derive(Debug, Default)]
+struct Shared {
+    /// Never locked during file work.
+    copies: Mutex<Copies>,
+    /// Held by the thread that restores: two would replace each other's temporary files.
+    restoring: Mutex<()>,
+}
+
+impl SharedCopies {
+    /// Shares the copies of a run.
+    #[must_use]
+    pub fn new(copies: Copies) -> Self {
+        Self(Arc::new(Shared { copies: Mutex::new(copies), restoring: Mutex::default() }))
+    }
+
+    /// Reads or changes the content.
+    pub fn with<T>(&self, act: impl FnOnce(&mut Copies) -> T) -> T {
+        act(&mut self.0.copies.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Restores files in the run folder that were changed or removed.
+    #[must_use]
+    pub fn restore(&self, run: &Path) -> Restored {
+        let _alone = self.0.restoring.lock().unwrap_or_else(PoisonError::into_inner);
+        let gone = !run.join(MANIFEST).exists();
+        let names: Vec<PathBuf> = self.with(|copies| copies.0.keys().cloned().collect());
         let mut restored = Vec::new();
-        for (name, bytes) in &self.0 {
-            let path = folder.join(name);
-            if fs::read(&path).is_ok_and(|present| present == *bytes) {
+        for name in names {
+            let path = run.join(&name);
+            // Its present content, for a thread that was blocked on the file before.
+            let Some(bytes) = self.with(|copies| copies.0.get(&name).cloned()) else { continue };
+            if fs::read(&path).is_ok_and(|present| present == bytes) {
                 continue;
             }
-            let made = fs::create_dir_all(folder).and_then(|()| super::archive::replace(&path, bytes));
-            made.map_err(|error| (path, error))?;
-            restored.push(name.display().to_string());
+            match fs::create_dir_all(run).and_then(|()| replace(&path, &bytes)) {
+                Ok(()) => restored.push(name.display().to_string()),
+                Err(error) => return Restored { gone, back: Err((path, error)) },
+            }
         }
-        Ok(restored)
+        Restored { gone, back: Ok(restored) }
     }
+}
+
+/// What was restored in a run folder.
+#[derive(Debug)]
+pub struct Restored {
+    /// The folder was removed or moved: nims never removes its manifest.
+    pub gone: bool,
+    /// Names of the restored files, or the path that cannot be written, and why.
+    pub back: Result<Vec<String>, (PathBuf, io::Error)>,
+}
+
+impl Restored {
+    /// The warning; `None` if the folder was as it should be.
+    #[must_use]
+    pub fn sentence(&self, run: &Path) -> Option<String> {
+        match &self.back {
+            Ok(back) if back.is_empty() => None,
+            Ok(back) if self.gone => Some(format!(
+                "the run folder {} was removed or moved while the robot runs and is made again, with {}",
+                run.display(),
+                back.join(", ")
+            )),
+            Ok(back) => Some(format!(
+                "{} in the run folder was changed while the robot runs and has been restored; edit the original for the next run",
+                back.join(", ")
+            )),
+            Err((path, error)) => Some(format!("{} cannot be written: {error}", path.display())),
+        }
+    }
+}
+
+/// Writes a file atomically: a reader gets the old content or the new one.
+///
+/// # Errors
+/// Its folder cannot be written.
+pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut fresh = path.as_os_str().to_owned();
+    fresh.push(".new");
+    fs::write(&fresh, bytes).and_then(|()| fs::rename(&fresh, path))
 }
 
 #[cfg(test)]
@@ -101,11 +172,36 @@ mod tests {
         copies.add("resolved.toml", "a = 1\n".to_owned());
         copies.add("robot.toml", "b = 1\n".to_owned());
         copies.write(folder.path()).unwrap();
-        assert!(copies.restore(folder.path()).unwrap().is_empty());
+        fs::write(folder.path().join(MANIFEST), "{}").unwrap();
+        let copies = SharedCopies::new(copies);
+        let restored = copies.restore(folder.path());
+        assert!(restored.sentence(folder.path()).is_none() && !restored.gone, "{restored:?}");
         fs::write(folder.path().join("robot.toml"), "b = 2\n").unwrap();
         fs::remove_file(folder.path().join("resolved.toml")).unwrap();
-        assert_eq!(copies.restore(folder.path()).unwrap(), ["resolved.toml", "robot.toml"]);
+        let restored = copies.restore(folder.path());
+        assert_eq!(restored.back.as_deref().unwrap(), ["resolved.toml", "robot.toml"]);
+        let said = restored.sentence(folder.path()).unwrap();
+        assert!(said.contains("resolved.toml, robot.toml") && !said.contains("removed"), "{said}");
         assert_eq!(fs::read_to_string(folder.path().join("robot.toml")).unwrap(), "b = 1\n");
+        let gone = folder.path().join("gone");
+        assert!(copies.restore(&gone).gone && gone.join("robot.toml").is_file());
+    }
+
+    #[test]
+    fn a_disk_that_blocks_the_repair_does_not_block_a_change() {
+        let folder = tempfile::tempdir().unwrap();
+        let copies = SharedCopies::default();
+        copies.with(|copies| copies.add("set.toml", "a = 1\n".to_owned()));
+        // Nothing writes to the pipe, so the thread waits for its content.
+        let pipe = folder.path().join("set.toml");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let (of_thread, run) = (copies.clone(), folder.path().to_path_buf());
+        let repair = std::thread::spawn(move || of_thread.restore(&run));
+        copies.with(|copies| copies.add("set.toml", "a = 2\n".to_owned()));
+        drop(fs::OpenOptions::new().write(true).open(&pipe).unwrap());
+        assert!(repair.join().unwrap().back.is_ok());
+        assert!(copies.restore(folder.path()).back.is_ok());
+        assert_eq!(fs::read_to_string(&pipe).unwrap(), "a = 2\n");
     }
 
     #[test]

@@ -4,7 +4,8 @@
 //! the robot on its path and holds it, and the next supervisor of the domain ends the processes that are left.
 //!
 //! Architecture invariant: the supervisor never blocks on one process while others run. Its own heartbeat would stop,
-//! and motor-io would stop the robot.
+//! and motor-io would stop the robot. Nor does it block on a disk: files of the run are written on the thread of the
+//! archive, and a process is started on a thread of its own, for which the loop waits 1.5 s at most.
 #![forbid(unsafe_code)]
 
 mod announcer;
@@ -13,6 +14,7 @@ mod cleanup;
 mod closing;
 mod copies;
 mod cures;
+mod file_work;
 mod heartbeats;
 mod managed_process;
 mod mission;
@@ -46,6 +48,7 @@ use cleanup::Cleanup;
 use command::StopFlag;
 use config::SystemFile;
 use evidence::busy;
+use file_work::FileWork;
 use heartbeats::Heartbeats;
 use messages::{Heartbeat, MotorAuthority, OperatorRequest, ProcessState};
 use mission::Missions;
@@ -119,6 +122,7 @@ pub struct Supervisor {
     context: RunContext,
     folder: RunFolder,
     archive: Archive,
+    file_work: FileWork,
     unfinished_runs: UnfinishedRuns,
     stop: StopFlag,
     heartbeats: Heartbeats,

@@ -16,6 +16,7 @@ use std::path::Path;
 use std::process::{Child as Process, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
+use std::time::SystemTime;
 
 /// Text lines of a process's diagnostics that are stored to explain its death.
 const STORED_LINES: usize = 20;
@@ -55,6 +56,8 @@ pub struct ManagedProcess {
     pub member: ProcessSpec,
     /// Process id.
     pub pid: u32,
+    /// Size and time of its program as it was started, bytes.
+    pub program: Option<(u64, SystemTime)>,
     /// Its identity, for the next supervisor; `None` if it ended at once.
     pub identity: Option<ProcessIdentity>,
     /// When it was started, CLOCK_MONOTONIC, ns.
@@ -101,6 +104,7 @@ impl ManagedProcess {
         let failed =
             |error: std::io::Error| not_started(&member.name, format_args!("{}: {error}", member.program.display()));
         let mut file = std::fs::OpenOptions::new().create(true).append(true).open(with.log).map_err(failed)?;
+        let program = std::fs::metadata(&member.program).ok();
         let mut command = Command::new(&member.program);
         command
             .args(&member.args)
@@ -126,13 +130,9 @@ impl ManagedProcess {
                 let mut reader = BufReader::new(stderr);
                 let mut bytes = Vec::new();
                 while reader.read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
+                    store(&lines, &bytes);
                     // On a full disk the diagnostics are lost here; they are also on system/log.
                     let _ = file.write_all(&bytes);
-                    let mut kept = lines.lock().unwrap_or_else(PoisonError::into_inner);
-                    if kept.len() == STORED_LINES {
-                        kept.pop_front();
-                    }
-                    kept.push_back(String::from_utf8_lossy(&bytes).trim().to_owned());
                     bytes.clear();
                 }
             })
@@ -140,6 +140,7 @@ impl ManagedProcess {
         let child = Self {
             member: member.clone(),
             pid: process.id(),
+            program: program.and_then(|file| Some((file.len(), file.modified().ok()?))),
             identity: ProcessIdentity::now(&member.name, process.id()),
             started_ns: clock::now_ns(),
             restarts,
@@ -248,6 +249,12 @@ impl ManagedProcess {
         self.signal(Signal::KILL);
     }
 
+    /// Ends a process that was started too late to be supervised.
+    pub fn end_late(mut self) {
+        self.signal(Signal::KILL);
+        let _ = self.process.wait();
+    }
+
     /// How it ended, as a clause; empty while it runs.
     #[must_use]
     pub fn ending(&self) -> String {
@@ -291,6 +298,15 @@ impl ManagedProcess {
             None => ProcessState::STATE_RUNNING,
         }
     }
+}
+
+/// Stores a text line of the diagnostics.
+fn store(lines: &Mutex<VecDeque<String>>, bytes: &[u8]) {
+    let mut kept = lines.lock().unwrap_or_else(PoisonError::into_inner);
+    if kept.len() == STORED_LINES {
+        kept.pop_front();
+    }
+    kept.push_back(String::from_utf8_lossy(bytes).trim().to_owned());
 }
 
 /// Starts the program from a thread whose priority and processor affinity the process inherits.

@@ -45,6 +45,27 @@ pub struct ProcessSpec {
 }
 
 impl ProcessSpec {
+    /// The files that its command names, such as a script or a sensor's configuration, of which the run needs a copy.
+    #[must_use]
+    pub fn files_to_copy(&self, run: &Path) -> Vec<PathBuf> {
+        let Some(folder) = &self.folder else { return Vec::new() };
+        let arguments = self.args.iter().map(Path::new).chain([self.program.as_path()]);
+        let is_kept = |path: &&Path| {
+            path.extension().is_some_and(|ending| runlog::ATTACHED_ENDINGS.iter().any(|kept| ending == *kept))
+        };
+        let paths = arguments.filter(is_kept).map(|path| folder.join(path));
+        // A copy in the run folder needs no further copy.
+        paths.filter(|path| path.is_file() && !path.starts_with(run)).collect()
+    }
+
+    /// Its arguments that name a configuration file, by their place.
+    #[must_use]
+    pub fn configurations(&self) -> Vec<(usize, PathBuf)> {
+        let folder = self.folder.clone().unwrap_or_default();
+        let paths = self.args.iter().map(|argument| folder.join(argument)).enumerate();
+        paths.filter(|(_, path)| is_configuration(path) && path.is_file()).collect()
+    }
+
     /// Whether the robot cannot continue a motion without it.
     #[must_use]
     pub fn is_vital(&self) -> bool {

@@ -4,7 +4,7 @@ use super::Supervisor;
 use super::archive::Archive;
 use super::closing::moves;
 use super::managed_process::{AfterEnd, ManagedProcess};
-use super::process_spec::{ProcessSpec, is_configuration, slot_role};
+use super::process_spec::{ProcessSpec, slot_role};
 use super::refused::{Decision, bus_failed};
 use super::restarts::Restarts;
 use bus::{Server, clock};
@@ -14,7 +14,7 @@ use config::Role;
 use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, Request, Slot};
 use robot_state::Reason;
 use robot_state::answers::detail;
-use std::path::Path;
+use std::path::PathBuf;
 
 /// Silence of motor-io beyond the drives' watchdog after which nothing moves, ns: a shared machine can stand still for
 /// 250 ms.
@@ -81,8 +81,7 @@ impl Supervisor {
                     }
                     .into());
                 }
-                let mut member = self.context.plugged(name, Path::new(folder), command)?;
-                self.copy_files_of(&mut member);
+                let member = self.plugged(name, folder, command)?;
                 if runs { self.replace(member) } else { self.begin(&member) }
             }
             Request::Unplug { name } => {
@@ -102,18 +101,24 @@ impl Supervisor {
         }
     }
 
-    /// Replaces the configuration files in the command of a plugged program by the run's copies.
-    fn copy_files_of(&self, member: &mut ProcessSpec) {
-        let (folder, give_up) = (member.folder.clone().unwrap_or_default(), Archive::deadline());
-        for argument in &mut member.args {
-            let path = folder.join(&*argument);
-            if is_configuration(&path)
-                && path.is_file()
-                && let Some(copy) = self.archive.copy_for(&member.name, path, give_up)
+    /// A plugged program; the configuration files in its command are replaced by the run's copies.
+    fn plugged(&mut self, name: &str, folder: &str, command: &[String]) -> Decision<ProcessSpec> {
+        let (context, own, folder, command) =
+            (self.context.clone(), name.to_owned(), PathBuf::from(folder), command.to_vec());
+        let work = move || {
+            let member = context.plugged(&own, &folder, &command)?;
+            let files = member.configurations();
+            Ok((member, files))
+        };
+        let (mut member, files) = self.in_time(name, work, drop::<Decision<_>>)??;
+        let give_up = Archive::deadline();
+        for (at, path) in files {
+            if let (Some(copy), Some(argument)) = (self.archive.copy_for(name, path, give_up), member.args.get_mut(at))
             {
                 *argument = copy.into();
             }
         }
+        Ok(member)
     }
 
     /// Whether the name is not available for a plugged process.

@@ -1,7 +1,6 @@
 //! The folder of a run: run files, the configuration in use, diagnostics, and a manifest.
 
-use super::archive::replace;
-use super::copies::Copies;
+use super::copies::{Copies, MANIFEST, SharedCopies, replace};
 use command::{Answer, Failure};
 use config::{MOTOR_BOX, MotorBoxTable, RESOLVED, SystemFile};
 use runtime::build;
@@ -19,7 +18,7 @@ const MOTOR_BOX_HEAD: &str =
 pub struct RunFolder {
     path: PathBuf,
     manifest: Value,
-    copies: Copies,
+    copies: SharedCopies,
 }
 
 impl RunFolder {
@@ -72,7 +71,7 @@ impl RunFolder {
             "git_dirty": build::commit().map(|(_, dirty)| dirty),
             "started_utc": runlog::utc(now),
         });
-        let folder = Self { path, manifest, copies };
+        let folder = Self { path, manifest, copies: SharedCopies::new(copies) };
         folder.write()?;
         Ok(folder)
     }
@@ -81,12 +80,6 @@ impl RunFolder {
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
-    }
-
-    /// Whether the folder was removed or moved: nims never removes its manifest.
-    #[must_use]
-    pub fn is_missing(&self) -> bool {
-        !self.path.join("manifest.json").exists()
     }
 
     /// The resolved system file, which the processes read.
@@ -102,8 +95,8 @@ impl RunFolder {
     }
 
     /// Copies of the configuration.
-    pub(super) fn copies(&mut self) -> &mut Copies {
-        &mut self.copies
+    pub(super) fn copies(&self) -> &SharedCopies {
+        &self.copies
     }
 
     /// File for the diagnostics of a process.
@@ -146,7 +139,7 @@ impl RunFolder {
     /// Path and content of the manifest so far.
     #[must_use]
     pub fn manifest(&self) -> (PathBuf, String) {
-        (self.path.join("manifest.json"), format!("{:#}\n", self.manifest))
+        (self.path.join(MANIFEST), format!("{:#}\n", self.manifest))
     }
 
     fn write(&self) -> Answer {

@@ -3,13 +3,15 @@
 use super::announcer::Announcer;
 use super::archive::Archive;
 use super::cleanup::Cleanup;
+use super::copies::Restored;
+use super::file_work::FileWork;
 use super::heartbeats::Heartbeats;
 use super::managed_process::{ManagedProcess, Start, ending};
 use super::mission::Missions;
 use super::process_set::ProcessSet;
 use super::process_spec::{ProcessSpec, RunContext};
 use super::recording::Recording;
-use super::refused::{Decision, not_started};
+use super::refused::{Decision, bus_failed, not_started};
 use super::restarts::Restarts;
 use super::run_folder::{Leftover, RunFolder};
 use super::service_manager::ServiceManager;
@@ -26,7 +28,8 @@ use evidence::busy;
 use evidence::busy::SystemLoad;
 use messages::{Heartbeat, put_text};
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// Longest time from the start of a process to its readiness, ns. motor-io may have to find and query the drives first.
 pub(super) const READY_NS: u64 = 20_000_000_000;
@@ -36,6 +39,8 @@ const WAIT_WARNING_NS: u64 = 3_000_000_000;
 const PROCESS_BYTES: usize = 3 << 20;
 /// As [`PROCESS_BYTES`], for a plugged process: its samples may be large. It rejects by itself what does not fit.
 const SENSOR_BYTES: usize = 6 << 20;
+/// Pause between two looks at the heartbeat while file work is waited for: half of its period.
+const BESIDE: Duration = Duration::from_millis(100);
 /// Polling period during the start, ns: it adds to the time until the robot is up.
 const POLL_NS: u64 = 2_000_000;
 
@@ -149,6 +154,7 @@ impl Supervisor {
             context,
             folder,
             archive,
+            file_work: FileWork::default(),
             unfinished_runs: UnfinishedRuns::default(),
             stop,
             heartbeats: Heartbeats::default(),
@@ -286,24 +292,61 @@ impl Supervisor {
         let bytes = if member.role == Role::Other { SENSOR_BYTES } else { PROCESS_BYTES };
         self.bus.room_for(bytes, &member.name).map_err(|why| not_started(&member.name, why))?;
         self.heartbeats.listen(&self.bus, &member.name).map_err(|why| not_started(&member.name, why))?;
-        // A removed run folder must not prevent the start of a process.
-        let _ = std::fs::create_dir_all(self.folder.path().join("log"));
-        self.restore_copies();
         let started = self.settings.configured(member, &self.context.config);
-        let with = Start {
-            domain: &self.context.domain,
-            changes: self.settings.changes(),
-            succeeds,
-            log: &self.folder.log(&member.name),
+        let (domain, changes) = (self.context.domain.clone(), self.settings.changes());
+        let (run, log) = (self.folder.path().to_path_buf(), self.folder.log(&member.name));
+        let copies = self.folder.copies().clone();
+        let work = move || {
+            // A removed run folder must not prevent the start of a process.
+            let _ = std::fs::create_dir_all(run.join("log"));
+            let restored = copies.restore(&run);
+            let with = Start { domain: &domain, changes, succeeds, log: &log };
+            let child = ManagedProcess::start(&started, with, restarts);
+            (restored, child, started.files_to_copy(&run))
         };
-        let (mut child, warning) = ManagedProcess::start(&started, with, restarts)?;
+        let undo = |(_, child, _): (Restored, Decision<(ManagedProcess, Option<String>)>, Vec<PathBuf>)| {
+            if let Ok((child, _)) = child {
+                child.end_late();
+            }
+        };
+        let (restored, child, files) = self.in_time(&member.name, work, undo)?;
+        self.report_restored(&restored);
+        let (mut child, warning) = child?;
         // Keeps the original arguments: its next start includes the parameters that are set until then.
         child.member = member.clone();
-        self.archive_files_of(&started);
+        for file in files {
+            self.archive.copy_process_file(&member.name, file);
+        }
         if let Some(warning) = warning {
             self.announcer.warn(&format!("{}: {warning}", member.name));
         }
         Ok(child)
+    }
+
+    /// Does file work for a process beside the loop, and waits for the result no longer than the other processes may be
+    /// without supervision.
+    pub(super) fn in_time<T: Send + 'static>(
+        &mut self,
+        process: &str,
+        work: impl FnOnce() -> T + Send + 'static,
+        undo: impl FnOnce(T) + Send + 'static,
+    ) -> Decision<T> {
+        let pending = self.file_work.begin(process, work, undo).map_err(|why| not_started(process, why))?;
+        let is_starting = self.beat.state == Heartbeat::STATE_STARTING;
+        let patience = if is_starting { Duration::from_nanos(READY_NS) } else { self.file_work.patience() };
+        let give_up = Instant::now() + patience;
+        loop {
+            self.heartbeat_if_due().map_err(bus_failed)?;
+            let left = give_up.saturating_duration_since(Instant::now());
+            if let Some(result) = pending.wait(left.min(BESIDE)).map_err(|why| not_started(process, why))? {
+                pending.end();
+                return Ok(result);
+            }
+            if left.is_zero() {
+                self.file_work.give_up(process, pending);
+                return Err(not_started(process, "the disk of the run or of its program does not answer"));
+            }
+        }
     }
 
     /// Records the running processes, for the run folder and for the next supervisor.
@@ -323,35 +366,17 @@ impl Supervisor {
     }
 
     /// Restores a removed run folder with everything that the supervisor still holds of the run.
-    pub(super) fn restore_folder(&mut self) {
-        if self.folder.is_missing() {
-            self.restore_copies();
-        }
+    pub(super) fn restore_folder(&self) {
+        self.archive.restore(self.folder.copies().clone(), self.folder.manifest());
     }
 
-    /// Restores copies of the configuration that were changed or removed, and warns.
-    pub(super) fn restore_copies(&mut self) {
-        let run = self.folder.path().to_path_buf();
-        let gone = self.folder.is_missing();
-        let back = self.folder.copies().restore(&run);
-        if gone && back.is_ok() {
-            // The manifest is last: its presence marks a complete folder.
-            self.archive.restore();
-            let (path, text) = self.folder.manifest();
-            self.archive.write(path, text);
+    /// Reports what the start of a process restored in the run folder, and restores the rest of a removed one.
+    fn report_restored(&mut self, restored: &Restored) {
+        if restored.gone && restored.back.is_ok() {
+            self.restore_folder();
         }
-        match back {
-            Ok(back) if back.is_empty() => {}
-            Ok(back) if gone => self.announcer.warn(&format!(
-                "the run folder {} was removed or moved while the robot runs and is made again, with {}",
-                run.display(),
-                back.join(", ")
-            )),
-            Ok(back) => self.announcer.warn(&format!(
-                "{} in the run folder was changed while the robot runs and has been restored; edit the original for the next run",
-                back.join(", ")
-            )),
-            Err((path, error)) => self.announcer.warn(&format!("{} cannot be written: {error}", path.display())),
+        if let Some(sentence) = restored.sentence(self.folder.path()) {
+            self.announcer.warn(&sentence);
         }
     }
 }

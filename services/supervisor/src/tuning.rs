@@ -41,17 +41,19 @@ impl Supervisor {
             "# The system file with the first {number} changes of set.toml; processes that start from now on read it.\n\n"
         );
         let run = self.folder.path().to_path_buf();
-        let earlier = self.folder.copies().text(RECORD).unwrap_or_else(|| RECORD_HEAD.to_owned());
+        let copies = self.folder.copies().clone();
+        let earlier = copies.with(|copies| copies.text(RECORD)).unwrap_or_else(|| RECORD_HEAD.to_owned());
         let record = format!("{earlier}{}", entry(number, key, &was, &is, cycle));
         let files = [(name.clone(), format!("{head}{text}")), (RECORD.to_owned(), record)];
         let written = files.iter().map(|(name, text)| (run.join(name), text.clone())).collect();
+        self.restore_folder();
         if let Err(why) = self.archive.write_in_time(written) {
             // A slow disk may still write the change, which is not made.
             self.archive.write(run.join(RECORD), earlier);
             return Err(not_recorded(format_args!("{why}")).into());
         }
         for (name, text) in files {
-            self.folder.copies().add(&name, text);
+            copies.with(|copies| copies.add(&name, text));
         }
         (self.settings.tuned, self.settings.file, self.settings.path) = (tuned, file, run.join(name));
         (self.settings.sample.changes, self.settings.sample.from_cycle, self.settings.life) = (number, cycle, life);

@@ -132,8 +132,8 @@ impl Supervisor {
         if let Some(sentence) = self.mission.poll(self.last_authority.as_ref())? {
             self.announcer.error(&sentence);
         }
-        for trouble in self.archive.take_write_errors() {
-            self.announcer.warn(&trouble);
+        for report in self.archive.take_reports() {
+            self.announcer.warn(&report);
         }
         let news = self.unfinished_runs.new_events();
         self.report_recovery(news);

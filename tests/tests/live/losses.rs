@@ -3,6 +3,7 @@
 
 use crate::robot::{Robot, THREE_CABLES, copy_configs, program, root, steadily};
 use messages::{MotorAuthority, RecorderStatus, Request};
+use robot_state::Reason;
 use rustix::process::Signal;
 use std::process::Command;
 
@@ -109,6 +110,48 @@ fn a_standby_that_hangs_is_replaced() {
             restarts(robot, "controller-b") == 1 && robot.state("controller-b") == "ready"
         });
         assert_eq!(restarts(&robot, "controller"), 0, "the slot in charge is unchanged");
+        assert_eq!(robot.down(Signal::INT), Some(1), "a process has ended: {}", robot.printed());
+    });
+}
+
+/// Number of programs `sleep` that the supervisor has started.
+fn sleepers(robot: &Robot) -> usize {
+    let of_supervisor = format!("(sleep) S {} ", robot.supervisor_pid());
+    let processes = std::fs::read_dir("/proc").unwrap().flatten();
+    let stats = processes.filter_map(|entry| std::fs::read_to_string(entry.path().join("stat")).ok());
+    stats.filter(|stat| stat.contains(&of_supervisor)).count()
+}
+
+/// A pipe without a reader takes the place of a log: opening it waits, as on a disk that does not answer.
+#[test]
+fn a_disk_that_does_not_answer_stops_no_supervision() {
+    steadily(|| {
+        let mut robot = Robot::up(STANDBY);
+        robot.until_reported("the standby is ready", |robot| robot.state("controller-b") == "ready");
+        robot.arm();
+        let log = robot.run().join("log/wind.txt");
+        assert!(Command::new("mkfifo").arg(&log).status().unwrap().success());
+        let (name, folder, command) = ("wind".to_owned(), "/".to_owned(), vec!["sleep".to_owned(), "1000".to_owned()]);
+        let plug = Request::Plug { name, folder, command, replace: false };
+        for _ in 0..2 {
+            let reason = robot.reason("nims", &plug);
+            assert!(matches!(reason, Some(Reason::ProcessNotStarted { .. })), "{reason:?}");
+        }
+        robot.signal("controller-b", Signal::KILL);
+        robot.until_reported("it is replaced", |robot| {
+            restarts(robot, "controller-b") == 1 && robot.state("controller-b") == "ready"
+        });
+        assert_eq!(robot.last.mode, MotorAuthority::MODE_HOLDING, "the supervisor went on");
+
+        // Now the disk answers. What is started too late is ended, and the next start succeeds.
+        let _pipe = std::fs::File::open(&log).unwrap();
+        let give_up = bus::clock::now_ns() + 60_000_000_000;
+        while !matches!(robot.reason("nims", &plug), Some(Reason::ProcessStarts { .. })) {
+            assert!(bus::clock::now_ns() < give_up, "{}", robot.printed());
+            std::thread::sleep(std::time::Duration::from_millis(100));
+        }
+        robot.until_reported("it runs", |robot| robot.state("wind") == "running");
+        robot.until_reported("one alone", |robot| sleepers(robot) == 1);
         assert_eq!(robot.down(Signal::INT), Some(1), "a process has ended: {}", robot.printed());
     });
 }
