@@ -29,6 +29,7 @@ use evidence::busy::SystemLoad;
 use messages::{Heartbeat, put_text};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// Longest time from the start of a process to its readiness, ns. motor-io may have to find and query the drives first.
@@ -39,6 +40,10 @@ const WAIT_WARNING_NS: u64 = 3_000_000_000;
 const PROCESS_BYTES: usize = 3 << 20;
 /// As [`PROCESS_BYTES`], for a plugged process: its samples may be large. It rejects by itself what does not fit.
 const SENSOR_BYTES: usize = 6 << 20;
+/// Longest wait of a service for a device, ns; with the start of the processes less than its `TimeoutStartSec=90`.
+const DEVICE_NS: u64 = 30_000_000_000;
+/// Pause between two looks for a device, ns.
+const DEVICE_POLL_NS: u64 = 100_000_000;
 /// Pause between two looks at the heartbeat while file work is waited for: half of its period.
 const BESIDE: Duration = Duration::from_millis(100);
 /// Polling period during the start, ns: it adds to the time until the robot is up.
@@ -77,8 +82,9 @@ impl Supervisor {
         let busy = SystemLoad::read();
         let system_path = std::path::absolute(wanted.system_path).map_err(Failure::bad)?;
         let file = SystemFile::load(&system_path).map_err(Failure::bad)?;
-        let is_service = ServiceManager::of_environment().is_there();
-        ports_are_there(&file, is_service)?;
+        let mut manager = ServiceManager::of_environment();
+        let is_service = manager.is_there();
+        wait_for_ports(&file, &mut manager, &stop)?;
         let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
         let claim = domain.claim()?;
         let earlier = Running::read(&domain);
@@ -386,8 +392,22 @@ fn needs_one_of(member: &ProcessSpec, waiting: &[ProcessSpec]) -> bool {
     waiting.iter().any(|other| member.starts_after().contains(&other.role))
 }
 
-/// Checks that every configured device exists; the virtual motor box creates its own. A service is started again, and
-/// may then find a device whose hub gets its power later.
+/// Checks that every configured device exists. A service waits for one whose hub gets its power later: its manager
+/// would start it again every few seconds, day and night, and fill the log.
+fn wait_for_ports(file: &SystemFile, manager: &mut ServiceManager, stop: &StopFlag) -> Answer {
+    let give_up = clock::now_ns() + DEVICE_NS;
+    loop {
+        let found = ports_are_there(file, manager.is_there());
+        let Err(Failure::NotNow(sentence)) = &found else { return found };
+        if clock::now_ns() >= give_up || stop.load(Ordering::Relaxed) {
+            return found;
+        }
+        manager.set_status(&format!("waiting: {sentence}"));
+        clock::sleep_until(clock::now_ns() + DEVICE_POLL_NS);
+    }
+}
+
+/// Checks that every configured device exists; the virtual motor box creates its own. A service may find it later.
 fn ports_are_there(file: &SystemFile, is_service: bool) -> Answer {
     for (index, port) in file.motor_io.ports.iter().enumerate() {
         let number = index + 1;

@@ -8,7 +8,7 @@ use serde_json::Value;
 use std::cell::RefCell;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
 /// Messages of the service that have not been read yet.
@@ -37,20 +37,24 @@ fn signs(messages: &[String]) -> usize {
     messages.iter().filter(|message| *message == "WATCHDOG=1").count()
 }
 
-/// `nims up` of a robot whose drives are on that port, as a service or on the command line.
-fn up_with_port(folder: &Path, port: &str, is_service: bool) -> Output {
+/// Starts `nims up` of a robot whose drives are on that port, as a service or on the command line.
+fn start_with_port(folder: &Path, port: &str, is_service: bool, domain: &Domain) -> Child {
     let system = folder.join("configs/systems/demo3.toml");
     let text = std::fs::read_to_string(root().join("configs/systems/demo3.toml")).unwrap();
     // Without a virtual motor box, which refuses such a port before motor-io has tried it.
     let of_hardware = text.split("\n[motor_box]").next().unwrap();
     std::fs::write(&system, of_hardware.replace("{domain}/drive0", port)).unwrap();
-    let domain = Domain::for_test();
     let mut command = Command::new(program());
     command.args(["up", "--domain", domain.name(), "--for", "1"]).arg(system).env_remove("NOTIFY_SOCKET");
     if is_service {
         command.env("NOTIFY_SOCKET", folder.join("notify"));
     }
-    command.output().unwrap()
+    command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// What it says until it ends.
+fn up_with_port(folder: &Path, port: &str, is_service: bool) -> Output {
+    start_with_port(folder, port, is_service, &Domain::for_test()).wait_with_output().unwrap()
 }
 
 /// Number of runs in the folder of the runs.
@@ -69,16 +73,42 @@ fn a_service_whose_drives_are_missing_is_started_again_and_leaves_no_run_per_att
     assert_eq!((output.status.code(), runs(folder.path())), (Some(1), 0), "{said}");
     // Its log was in the run.
     assert!(said.lines().any(|line| line.starts_with("nims: motor-io: ") && line.contains("/dev/null")), "{said}");
-    // A device that appears later is no bad input, after which the manager would not start the service again.
-    let output = up_with_port(folder.path(), "/dev/no-such-port", true);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!((output.status.code(), runs(folder.path())), (Some(1), 0), "{said}");
-    assert!(said.contains("/dev/no-such-port"), "{said}");
     // A person looks into the run.
     let output = up_with_port(folder.path(), "/dev/null", false);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!((output.status.code(), runs(folder.path())), (Some(1), 1), "{said}");
     assert!(said.contains("/runs/"), "{said}");
+}
+
+#[test]
+fn a_service_waits_for_a_device_that_appears_later() {
+    let _alone = alone();
+    let folder = tempfile::tempdir().unwrap();
+    copy_configs(folder.path());
+    let manager = UnixDatagram::bind(folder.path().join("notify")).unwrap();
+    manager.set_nonblocking(true).unwrap();
+    let device = folder.path().join("drives");
+    let port = device.to_str().unwrap();
+    let domain = Domain::for_test();
+    let start = || {
+        let up = start_with_port(folder.path(), port, true, &domain);
+        until(&manager, "STATUS=waiting: port 1");
+        up
+    };
+    // The end of the wait is no bad input, after which the manager would not start the service again.
+    let up = start();
+    rustix::process::kill_process(rustix::process::Pid::from_child(&up), Signal::INT).unwrap();
+    let output = up.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), runs(folder.path())), (Some(1), 0), "{said}");
+    assert!(said.contains(port), "{said}");
+    // It appears, and is no drive.
+    let up = start();
+    std::os::unix::fs::symlink("/dev/null", &device).unwrap();
+    let output = up.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), runs(folder.path())), (Some(1), 0), "{said}");
+    assert!(said.lines().any(|line| line.starts_with("nims: motor-io: ") && line.contains(port)), "{said}");
 }
 
 #[test]
