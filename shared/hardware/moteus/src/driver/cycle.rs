@@ -246,7 +246,7 @@ impl<T: Transport> Bus<T> {
         }
         let fits = now_ns + self.likely_slow_ns(count) <= deadline_ns;
         self.counters.left_out += u64::from(!fits);
-        if !self.overdue.is_due(fits) {
+        if !self.overdue.is_due(fits, now_ns) {
             return;
         }
         self.slow_ns = now_ns;

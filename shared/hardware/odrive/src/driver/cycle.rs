@@ -300,9 +300,10 @@ impl<T: Transport> Bus<T> {
         }
         batch.asks.push(Ask::Supply);
         batch.asks.push(Ask::WatchdogOn(0));
-        let fits = self.transport.now_ns() + self.likely_ns(batch.asks.len()) <= deadline_ns;
+        let now_ns = self.transport.now_ns();
+        let fits = now_ns + self.likely_ns(batch.asks.len()) <= deadline_ns;
         self.counters.left_out += u64::from(!fits);
-        if !self.overdue.is_due(fits) {
+        if !self.overdue.is_due(fits, now_ns) {
             return;
         }
         if self.discard().is_ok()

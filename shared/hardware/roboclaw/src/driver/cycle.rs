@@ -29,18 +29,8 @@ const SLOW: [Read; 12] = [
 /// Duty of the whole supply.
 const FULL_DUTY: f64 = 32_767.0;
 
-/// Readings that are taken in turn where no cycle leaves time for any: the status, which has the stop button, most
-/// often.
-const OVERDUE: [Overdue; 4] = [Overdue::Status, Overdue::Currents, Overdue::Status, Overdue::Slow];
-
-/// A reading of one unit.
-#[derive(Debug, Clone, Copy)]
-enum Overdue {
-    Status,
-    Currents,
-    /// The next one of [`SLOW`].
-    Slow,
-}
+/// Slow questions besides status and duties where no cycle leaves time for any; see [`Bus::read_overdue`].
+const OTHERS: [Read; 4] = [Read::MainBattery, Read::Watchdog, Read::MainBattery, Read::Temperature];
 
 /// A unit may read an encoder this much later than it was asked, ns, while the motor moves on.
 const SAMPLE_JITTER_NS: u64 = 20_000_000;
@@ -85,6 +75,11 @@ impl<T: Transport> Bus<T> {
             };
         }
         self.in_cycle = false;
+        let left = |answer: &UnitAnswer| {
+            matches!(answer.outcome, Err(Error::TooLate { .. } | Error::Busy { .. } | Error::Unanswered { .. }))
+        };
+        let late = self.transport.now_ns() > deadline_ns;
+        self.overdue.judge(late || answers.iter().take(self.units.len()).any(left));
         for (unit, answer) in self.units.iter().zip(answers) {
             answer.report = unit.report;
         }
@@ -93,8 +88,8 @@ impl<T: Transport> Bus<T> {
     /// Uses the time until `deadline_ns`: reads the stop input, brings back units that are not in use, and when all
     /// are, reads currents and one slow value.
     ///
-    /// Starts nothing that is unlikely to end by the deadline, except for one reading where the call before had no time
-    /// for any either. The results are in the next cycle's reports.
+    /// Starts nothing that is unlikely to end by the deadline, except for one reading where the calls before had no
+    /// time for any either ([`drives::Overdue::is_value_due`]). The results are in the next cycle's reports.
     pub fn spend(&mut self, deadline_ns: u64) {
         self.begin_call(deadline_ns);
         // Time passed since the last answer.
@@ -216,16 +211,15 @@ impl<T: Transport> Bus<T> {
     /// Reads the currents of every unit and one slow value, as far as time allows. A slow value that was left out comes
     /// before the currents in the next cycle: one of them is the status with the stop button.
     fn read_what_can_wait(&mut self, deadline_ns: u64) {
-        let short = !self.has_time(6, deadline_ns);
-        let again = std::mem::replace(&mut self.left_out, short) && short;
-        if short {
+        let now_ns = self.transport.now_ns();
+        if !self.has_time(6, deadline_ns) {
             self.counters.left_out += 1;
-            if again {
-                self.left_out = false;
+            if self.overdue.is_value_due(now_ns, self.units.len()) {
                 self.read_overdue();
             }
             return;
         }
+        self.overdue.is_due(true, now_ns);
         let first = std::mem::replace(&mut self.slow_left_out, true);
         if first && !self.read_next_slow(deadline_ns) {
             return;
@@ -248,13 +242,18 @@ impl<T: Transport> Bus<T> {
     }
 
     /// Reads one value however little time is left. Where the bus runs inline, its answer is left to the next call.
+    ///
+    /// Of three values one is a status, which has the stop button, and one are the duties, by which a motor is found
+    /// whose encoder has failed; the third are currents, or one of [`OTHERS`].
     fn read_overdue(&mut self) {
         let (turn, units) = (self.overdue_turn, self.units.len());
         self.overdue_turn = turn.wrapping_add(1);
-        let _ = match OVERDUE[turn % OVERDUE.len()] {
-            Overdue::Status => self.read_slow(turn / 2 % units, Read::Status),
-            Overdue::Currents => self.read_slow(turn / OVERDUE.len() % units, Read::Currents),
-            Overdue::Slow => self.read_slow_in_turn(),
+        let (round, pair) = (turn / 3, turn / 6);
+        let _ = match turn % 3 {
+            0 => self.read_slow(round % units, Read::Status),
+            1 => self.read_slow(round % units, Read::Pwms),
+            _ if round % 2 == 0 => self.read_slow(pair % units, Read::Currents),
+            _ => self.read_slow(pair % units, OTHERS[pair / units % OTHERS.len()]),
         };
     }
 

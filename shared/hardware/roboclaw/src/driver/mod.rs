@@ -15,8 +15,9 @@
 //!   stays.
 //! * Every question feeds the watchdog of a unit that hears and is not heard, so its motors would run on with the last
 //!   command while it is fenced. The driver stops them instead, within the time in which the watchdog would have.
-//! * What changes slowly is read in the time that a cycle leaves. Where it never leaves any, one value is read every
-//!   second cycle all the same, and its answer may come after the end of the call.
+//! * What changes slowly is read in the time that a cycle leaves. Where it never leaves any, one value is read all the
+//!   same, and its answer may come after the end of the call: every second cycle while that costs no cycle its
+//!   deadline, otherwise every 25th for each unit.
 //! * Where the bus runs inline, a call does not wait beyond its deadline. The next one waits on for the answer, and
 //!   then uses the bus.
 //! * All of this is one state machine that advances as far as a call's deadline allows, so that a silent unit costs the
@@ -31,7 +32,7 @@ mod sync;
 
 use std::sync::Arc;
 
-use drives::{CountBound, Counters, Error, Instead, InvalidConfig, StopInput, UnitReport};
+use drives::{CountBound, Counters, Error, Instead, InvalidConfig, Overdue, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
 use crate::codec::{ADDRESSES, Version};
@@ -203,8 +204,7 @@ pub struct Bus<T> {
     call_ends_ns: u64,
     slow_turn: usize,
     slow_left_out: bool,
-    /// The cycle before left no time for any reading.
-    left_out: bool,
+    overdue: Overdue,
     overdue_turn: usize,
     current_turn: usize,
     counters: Counters,
@@ -268,7 +268,7 @@ impl<T: Transport> Bus<T> {
             call_ends_ns: u64::MAX,
             slow_turn: 0,
             slow_left_out: false,
-            left_out: false,
+            overdue: Overdue::default(),
             overdue_turn: 0,
             current_turn: 0,
             counters: Counters::default(),

@@ -23,7 +23,9 @@ impl<T: Transport> Bus<T> {
             let line = loop {
                 match self.hear(until_ns)? {
                     Some(line) if unacknowledged(&line).is_none() => {}
-                    None if until_ns < tail.until_ns && self.overdue.is_due(false) => until_ns = tail.until_ns,
+                    None if until_ns < tail.until_ns && self.overdue.is_due(false, self.transport.now_ns()) => {
+                        until_ns = tail.until_ns;
+                    }
                     line => break line,
                 }
             };
