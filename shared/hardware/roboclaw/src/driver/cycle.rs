@@ -63,6 +63,7 @@ impl<T: Transport> Bus<T> {
     pub fn drive(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
         (self.in_cycle, self.empty) = (true, false);
         self.begin_call(deadline_ns);
+        self.learn_call(deadline_ns);
         let bus = if self.transport.now_ns() >= deadline_ns {
             Err(Error::TooLate { port: self.port() })
         } else {

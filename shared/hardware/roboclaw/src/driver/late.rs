@@ -9,9 +9,12 @@ use crate::codec::{Command, Read};
 use crate::packet::MAX_PACKET;
 use drives::Error;
 
-/// A question that was sent in the last part of a call, of so many, was sent too late for that call: the answer of a
-/// drive that is in order takes up to a quarter of a cycle with a slow adapter.
+/// A question that was sent in the last part of a call, of so many of a usual one, was sent too late for that call: the
+/// answer of a drive that is in order takes up to a quarter of a cycle with a slow adapter. A call that began late is
+/// shorter, and the drive needs as long.
 const PARTS: u64 = 3;
+/// Calls in which the length of a usual one adapts to shorter ones: a busy computer makes some of them short.
+const ADAPTING_CALLS: u64 = 64;
 
 impl<T: Transport> Bus<T> {
     /// Leaves an answer to a later call. It is the drive that is late, where the question was sent in time: how long
@@ -23,11 +26,16 @@ impl<T: Transport> Bus<T> {
         } else {
             self.step = Step::Late(late);
         }
-        let part_ns = self.call_ends_ns.saturating_sub(self.call_began_ns) / PARTS;
-        match late.sent_ns + part_ns > self.call_ends_ns {
+        match late.sent_ns + self.usual_call_ns / PARTS > self.call_ends_ns {
             true => Error::Busy { port: self.port() },
             false => self.unanswered(),
         }
+    }
+
+    /// Learns how long the calls of a cycle usually are from the present one.
+    pub(super) fn learn_call(&mut self, deadline_ns: u64) {
+        let adapted_ns = self.usual_call_ns - self.usual_call_ns / ADAPTING_CALLS;
+        self.usual_call_ns = adapted_ns.max(deadline_ns.saturating_sub(self.call_began_ns));
     }
 
     /// Waits on for an answer that an earlier call left. The cycle of its question is over, so an acknowledgement

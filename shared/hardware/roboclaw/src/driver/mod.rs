@@ -202,6 +202,8 @@ pub struct Bus<T> {
     /// Begin of the present call, ns, and its end, where it must not wait beyond it.
     call_began_ns: u64,
     call_ends_ns: u64,
+    /// Usual time from the begin of the call of a cycle to its deadline, ns.
+    usual_call_ns: u64,
     slow_turn: usize,
     slow_left_out: bool,
     overdue: Overdue,
@@ -266,6 +268,7 @@ impl<T: Transport> Bus<T> {
             inline: false,
             call_began_ns: 0,
             call_ends_ns: u64::MAX,
+            usual_call_ns: 0,
             slow_turn: 0,
             slow_left_out: false,
             overdue: Overdue::default(),

@@ -104,6 +104,25 @@ fn a_unit_that_is_always_late_is_not_taken_for_a_busy_computer() {
     }
 }
 
+/// A cycle that begins late has less time than the drive needs, which is no matter of the drive.
+#[test]
+fn a_cycle_that_begins_late_does_not_blame_a_drive_that_is_in_order() {
+    let mut run = Run::connected(bus_of(&[UnitOptions { turnaround_ns: 1_500_000, ..UnitOptions::new(0x80) }]));
+    run.bus.set_inline(true);
+    for late_us in (3_000..8_900).step_by(100) {
+        for _ in 0..20 {
+            assert_eq!(cycle(&mut run, Drive::Speed(7))[0].outcome, Ok(()));
+        }
+        let tick_ns = run.tick_ns;
+        run.bus.transport_mut().wait_until(tick_ns + late_us * 1_000);
+        run.bus.cycle(&[[Drive::Speed(7); 2]], tick_ns + BUDGET_NS, &mut run.answers);
+        run.tick_ns += PERIOD_NS;
+        assert!(!unanswered(&run.answers[0]), "{late_us} µs late: {:?}", run.answers);
+        // Its answer is awaited first.
+        cycle(&mut run, Drive::Speed(7));
+    }
+}
+
 #[test]
 fn bytes_that_are_not_the_awaited_answer_bring_the_bus_out_of_step() {
     let mut run = inline();
