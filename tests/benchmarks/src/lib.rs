@@ -1,7 +1,7 @@
 //! The table at the end of the benchmarks: medians as stored by criterion, and ratios of two of them.
 //!
 //! The benchmarks are in `benches/ratios`; `scripts/bench` runs them. Nothing here asserts a time: the table marks a
-//! ratio that misses its goal.
+//! ratio or a time that misses its goal.
 #![forbid(unsafe_code)]
 
 use std::fmt::Write as _;
@@ -21,6 +21,8 @@ struct Row {
     per_run: f64,
     /// The benchmark to compare with, its operations per run, and the minimum ratio that is the goal.
     beside: Option<(Name, f64, Option<f64>)>,
+    /// Longest time of one operation that is the goal, ns.
+    most_ns: Option<f64>,
     remark: String,
 }
 
@@ -39,15 +41,30 @@ impl Report {
 
     /// Adds a single benchmark, of which one run does `per_run` operations.
     pub fn alone(&mut self, what: &str, name: Name, per_run: usize) {
-        self.rows.push(Row { what: what.into(), name, per_run: per_run as f64, beside: None, remark: String::new() });
+        self.add(what, name, per_run, None, None);
+    }
+
+    /// The same, with the longest time of one operation that is the goal, ns.
+    pub fn bounded(&mut self, what: &str, name: Name, per_run: usize, most_ns: f64) {
+        self.add(what, name, per_run, None, Some(most_ns));
     }
 
     /// Adds a benchmark and the one to compare it with, both with `per_run` operations per run, and the goal for the
     /// ratio.
     pub fn pair(&mut self, what: &str, name: Name, beside: Name, per_run: usize, goal: Option<f64>) {
-        let per_run = per_run as f64;
-        let beside = Some((beside, per_run, goal));
-        self.rows.push(Row { what: what.into(), name, per_run, beside, remark: String::new() });
+        self.add(what, name, per_run, Some((beside, per_run as f64, goal)), None);
+    }
+
+    fn add(
+        &mut self,
+        what: &str,
+        name: Name,
+        per_run: usize,
+        beside: Option<(Name, f64, Option<f64>)>,
+        most_ns: Option<f64>,
+    ) {
+        let (what, per_run) = (what.into(), per_run as f64);
+        self.rows.push(Row { what, name, per_run, beside, most_ns, remark: String::new() });
     }
 
     /// Adds a remark to the last row.
@@ -77,6 +94,10 @@ impl Report {
         for row in &self.rows {
             let Some(ours) = self.median_ns(row.name, row.per_run)? else { continue };
             let (mut beside, mut ratio, mut goal) = (String::new(), row.remark.clone(), String::new());
+            if let Some(most_ns) = row.most_ns {
+                let met = if ours <= most_ns { "met" } else { "missed" };
+                goal = format!("{}: {met}", time(most_ns));
+            }
             if let Some((name, per_run, least)) = row.beside {
                 let Some(theirs) = self.median_ns(name, per_run)? else { continue };
                 beside = format!("{}: {}", name[1], time(theirs));
