@@ -319,11 +319,12 @@ impl CoreConfig {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use cable_robot::RobotParts;
 
-    fn at(rate_hz: f64) -> Result<CoreConfig, ConfigError> {
+    /// A small robot of three cables on two units, for the tests of this crate.
+    pub(crate) fn small_robot(rate_hz: f64) -> Result<CoreConfig, ConfigError> {
         let robot = Robot::new(RobotParts {
             anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
             node_mass_kg: 1.2,
@@ -339,14 +340,14 @@ mod tests {
     #[test]
     fn a_condition_lasts_for_its_cycles_and_above_250_hz_for_their_time() {
         for rate_hz in [10.0, 100.0, 200.0, 250.0] {
-            let config = at(rate_hz).unwrap();
+            let config = small_robot(rate_hz).unwrap();
             assert_eq!([3, 5, 20, 30].map(|cycles| config.lasting(cycles)), [3, 5, 20, 30], "{rate_hz} Hz");
         }
         for (rate_hz, slack) in [(300.0, 36), (400.0, 48), (500.0, 60)] {
-            let config = at(rate_hz).unwrap();
+            let config = small_robot(rate_hz).unwrap();
             assert_eq!(config.lasting(config.slack_cycles), slack, "{rate_hz} Hz");
             assert!((f64::from(slack) * config.period_s - 0.120).abs() < config.period_s, "{rate_hz} Hz");
         }
-        assert!(at(501.0).is_err_and(|error| error.to_string().contains("500")));
+        assert!(small_robot(501.0).is_err_and(|error| error.to_string().contains("500")));
     }
 }

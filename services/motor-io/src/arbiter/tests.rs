@@ -1,20 +1,11 @@
 use super::role::{GONE_CYCLES, Phase};
 use super::*;
-use cable_robot::{Robot, RobotParts};
+use crate::settings::tests::small_robot;
 
 const EPOCH: u32 = 5;
 
 fn config() -> CoreConfig {
-    let robot = Robot::new(RobotParts {
-        anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
-        node_mass_kg: 1.2,
-        tension_limits_n: [2.0, 60.0],
-        speed_limit_m_s: 0.4,
-        acceleration_limit_m_s2: 0.5,
-        ..RobotParts::default()
-    })
-    .unwrap();
-    CoreConfig::new(robot, 0.01, &[10_000.0; 3], &[vec![0, 1], vec![2]]).unwrap()
+    small_robot(100.0).unwrap()
 }
 
 /// Two controllers and two estimators that answer well, with changes by the test.
