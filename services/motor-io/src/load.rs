@@ -12,8 +12,8 @@
 //! is not known: a cable that breaks then is found later, and not at all under a ripple as large as the tension's
 //! current.
 
-use crate::settings::COUNTED_PERIOD_S;
 use cable_robot::motor::Motor;
+use cable_robot::rate::COUNTED_PERIOD_S;
 
 /// Least current of a tension, A, at which the current shows the tension; readings have steps of 10 mA.
 const TELLING_A: f64 = 0.1;

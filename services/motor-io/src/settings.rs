@@ -1,6 +1,6 @@
 //! Configuration of the core, and its checks.
 
-use cable_robot::{Distribution, Robot};
+use cable_robot::{Distribution, Robot, rate};
 use config::ArbiterSection;
 use messages::{CABLES, UNITS};
 use thiserror::Error;
@@ -132,10 +132,6 @@ pub struct SecondEncoders {
 /// Longest distance of one jog, m; longer ones are motions of the planner.
 pub const JOG_LIMIT_M: f64 = 2.0;
 
-/// Shortest period in which a number of cycles stands for a time, s: the numbers were chosen and tried at 100 to 250
-/// Hz. At higher rates a condition of the robot or a hiccup of the machine still lasts as long, over more cycles.
-pub(crate) const COUNTED_PERIOD_S: f64 = 0.004;
-
 /// Drive unit of each of `n` cables; `units` lists the cables of each unit.
 fn unit_of_cable(units: &[Vec<usize>], n: usize) -> Result<[usize; CABLES], ConfigError> {
     if units.is_empty() || units.len() > UNITS {
@@ -239,14 +235,14 @@ impl CoreConfig {
     /// Returns a time as a whole number of cycles, at least 1.
     #[must_use]
     pub fn cycles(&self, seconds: f64) -> u32 {
-        (seconds / self.period_s + 0.5).clamp(1.0, 1e6) as u32
+        rate::cycles(seconds, self.period_s)
     }
 
     /// Returns the number of cycles of a condition that has to last for `cycles`: so many at up to 250 Hz, and at
-    /// higher rates those of the same time as at 250 Hz.
+    /// higher rates those of the same time as at 250 Hz ([`rate::lasting`]).
     #[must_use]
     pub fn lasting(&self, cycles: u32) -> u32 {
-        cycles.max(self.cycles(f64::from(cycles) * COUNTED_PERIOD_S))
+        rate::lasting(cycles, self.period_s)
     }
 
     /// Checks every number.

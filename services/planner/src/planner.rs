@@ -1,5 +1,6 @@
 //! State of the planner: one mission at a time, from its request to the end of its last segment.
 
+use cable_robot::rate::lasting;
 use cable_robot::{CableVec, Vector3, elastic};
 use messages::{
     CABLES, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text, same_life,
@@ -18,11 +19,9 @@ use crate::refusal::Refusal;
 use crate::stopped::{not_taken_up, stopped_by};
 use mission::{Leg, Mission, PathShape};
 
-/// An estimate this many cycles behind motor-io is stale, if they also take this long, s: both samples reach the
-/// planner on their own ways, on a machine whose hiccups do not become shorter at a higher rate. It is 20 cycles of 250
-/// Hz.
-const STALE_CYCLES: u64 = 20;
-const STALE_S: f64 = 0.080;
+/// An estimate this many cycles behind motor-io is stale, at more than 250 Hz as long: both samples reach the planner
+/// on their own ways, on a machine whose hiccups do not become shorter at a higher rate.
+const STALE_CYCLES: u32 = 20;
 
 /// A continued mission is planned again: both plans agree to this at the point of the interruption, m.
 const AGREES_M: f64 = 0.001;
@@ -39,13 +38,6 @@ const SILENT_NS: u64 = 1_000_000_000;
 
 fn seconds(ns: u64) -> f64 {
     ns as f64 * 1e-9
-}
-
-/// Cycles after which an estimate is stale.
-fn stale_cycles(period_s: f64) -> u64 {
-    // A sample without a period has 0 here, and `as` saturates.
-    let cycles = if period_s > 0.0 { (STALE_S / period_s).round() as u64 } else { 0 };
-    cycles.max(STALE_CYCLES)
 }
 
 /// Planner of missions and single moves. Pure: time and samples are arguments of every call.
@@ -337,7 +329,7 @@ impl Planner {
             MotorState::POSITION_RESTORED => return refuse(Reason::PositionRestored),
             _ => return refuse(Reason::PositionUnknown),
         }
-        let stale = stale_cycles(authority.period_s);
+        let stale = u64::from(lasting(STALE_CYCLES, authority.period_s));
         let fresh = |(estimate, epoch): &(NodeEstimate, u32)| {
             // another epoch may have another position of the node
             *epoch == authority.epoch
@@ -519,17 +511,5 @@ pub fn state_text(status: &PlanStatus) -> String {
     match text_of(&status.reason) {
         reason if reason.is_empty() => word.to_owned(),
         reason => format!("{word}: {reason}"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::stale_cycles;
-
-    #[test]
-    fn an_estimate_is_stale_after_20_cycles_and_above_250_hz_after_their_time() {
-        let rates_hz = [10.0, 100.0, 250.0, 400.0, 500.0];
-        assert_eq!(rates_hz.map(|rate_hz| stale_cycles(1.0 / rate_hz)), [20, 20, 20, 32, 40]);
-        assert_eq!([0.0, -1.0, f64::NAN].map(stale_cycles), [20; 3]);
     }
 }

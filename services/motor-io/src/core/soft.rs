@@ -21,7 +21,7 @@ use super::border::bend_m;
 use super::settle::REACTION_S;
 use crate::limits::largest;
 use crate::mode::{Mode, Soft, Stop};
-use crate::settings::COUNTED_PERIOD_S;
+use cable_robot::rate::COUNTED_PERIOD_S;
 use cable_robot::{CableVec, Held, Vector3, tension};
 use messages::{CABLES, MotorAuthority, MotorState};
 use robot_state::Reason;

@@ -61,6 +61,7 @@ pub mod path;
 pub mod planar;
 pub mod profile;
 pub mod pulley;
+pub mod rate;
 pub mod robot;
 mod robot_error;
 mod robot_parts;

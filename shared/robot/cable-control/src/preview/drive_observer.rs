@@ -1,6 +1,7 @@
 //! Observer of the winches: a model driven by the commands that were sent and corrected by measured lengths.
 
 use crate::drive_lag::{CommandHistory, CycleModel, DriveLag, LagError, Piece, Winch};
+use cable_robot::rate::lasting;
 use cable_robot::{CableVec, MAX_CABLES};
 
 /// Standard deviation of a measured length, m: half a step of a wheel with 10,000 counts per metre.
@@ -13,9 +14,8 @@ const VELOCITY_SIGMA: f64 = 5e-3;
 /// A measured length farther than this from the observed one means that the position was re-zeroed, m.
 const JUMP_M: f64 = 0.05;
 
-/// Number of cycles without an estimate that the observer bridges; or as many as these are at 250 cycles per second, s.
-const BRIDGED_CYCLES: u64 = 10;
-const BRIDGED_S: f64 = 0.040;
+/// Number of cycles without an estimate that the observer bridges; at more than 250 Hz, as long.
+const BRIDGED_CYCLES: u32 = 10;
 
 /// Model of all winches, driven by the commands that were sent and corrected by measured lengths: a
 /// steady-state Kalman filter.
@@ -84,7 +84,7 @@ impl DriveObserver {
     ) {
         let n = lengths_m.len().min(velocities_m_s.len()).min(MAX_CABLES);
         let reading_s = reading_s.clamp(0.0, self.period_s);
-        let bridged = BRIDGED_CYCLES.max((BRIDGED_S / self.period_s).round() as u64);
+        let bridged = u64::from(lasting(BRIDGED_CYCLES, self.period_s));
         let gap = self.cycle.and_then(|at| cycle.checked_sub(at)).filter(|gap| *gap <= bridged);
         for missed in (1..=gap.unwrap_or(0) as usize).rev() {
             self.advance(missed, sent);
