@@ -6,7 +6,9 @@ import nims_estimator
 
 ALPHA = 0.5
 BETA = ALPHA * ALPHA / (2.0 - ALPHA)
+# A longer silence is not bridged: three cycles, or as long as these are at 250 Hz.
 BRIDGED_CYCLES = 3
+BRIDGED_NS = 12_000_000
 
 # Of each cable that was read: length (m), velocity (m/s), time (ns) and cycle of the newest reading.
 states = {}
@@ -30,8 +32,9 @@ def cable(asked, i):
         # After a long silence, or where the lengths were set again, it begins at rest with the reading.
         last = None if i in anything else states.get(i)
         anything.discard(i)
-        if last and asked.cycle - last[3] <= BRIDGED_CYCLES and sampled_ns > last[2]:
-            passed_s = (sampled_ns - last[2]) * 1e-9
+        passed_ns = sampled_ns - last[2] if last else 0
+        if passed_ns > 0 and (asked.cycle - last[3] <= BRIDGED_CYCLES or passed_ns <= BRIDGED_NS):
+            passed_s = passed_ns * 1e-9
             expected_m = last[0] + last[1] * passed_s
             difference_m = length_m - expected_m
             length_m = expected_m + ALPHA * difference_m

@@ -3,9 +3,14 @@
 /// The parameters of the methods: `[estimator]` of the system file.
 pub use config::EstimatorSection as Parameters;
 
-/// Largest number of cycles without a reading that a method may bridge. A drive unit is lost after the same number of
-/// cycles without an answer.
+use cable_robot::rate::COUNTED_PERIOD_S;
+
+/// Largest number of cycles without a reading that a method may bridge, at more than 250 Hz as long: a hiccup of the
+/// machine does not become shorter. A drive unit is lost after the same number of cycles without an answer.
 pub const BRIDGED_CYCLES: u64 = 3;
+/// The same as a time, ns, and the most cycles that it is, at 500 Hz: a clock that stands still bridges no more.
+const BRIDGED_NS: u64 = (BRIDGED_CYCLES as f64 * COUNTED_PERIOD_S * 1e9) as u64;
+const MOST_BRIDGED_CYCLES: u64 = 2 * BRIDGED_CYCLES;
 
 /// A method of estimation for one cable: computes length and velocity at an instant from readings and commands.
 ///
@@ -24,7 +29,7 @@ pub trait CableEstimator: CopyToBox + Send {
     /// Returns length and velocity at an instant of the cycle that was read last; `None` if they are unknown.
     ///
     /// The instant is a few milliseconds after or before the reading, plus one period for each cycle without a reading.
-    /// It is not called after more than [`BRIDGED_CYCLES`] cycles without a reading.
+    /// It is not called after a longer time without a reading than [`Instant::bridges`].
     fn at(&self, instant: &Instant) -> Option<Measurement>;
 
     /// Drops all readings: another life of motor-io has started, or a cycle was repeated. An identified model of the
@@ -86,6 +91,20 @@ pub struct Instant {
 }
 
 impl Instant {
+    /// Returns true if a method may bridge the time from a reading of this or an earlier cycle to this instant: at most
+    /// [`BRIDGED_CYCLES`], or as long as these are at 250 Hz.
+    pub fn bridges(&self, sampled_ns: u64, cycle: u64) -> bool {
+        self.is_within(1, sampled_ns, cycle)
+    }
+
+    /// The same for so many times of that.
+    pub(crate) fn is_within(&self, times: u64, sampled_ns: u64, cycle: u64) -> bool {
+        self.cycle.checked_sub(cycle).is_some_and(|silent| {
+            let short = self.time_ns.saturating_sub(sampled_ns) <= times * BRIDGED_NS;
+            silent <= times * BRIDGED_CYCLES || short && silent <= times * MOST_BRIDGED_CYCLES
+        })
+    }
+
     /// Returns the time from a reading of this or an earlier cycle to this instant, s; negative if the instant is
     /// before the reading. Limited to 0.1 s per cycle, the longest period (10 Hz), so that a clock that jumps does not
     /// move the node.

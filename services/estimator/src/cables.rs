@@ -37,7 +37,7 @@ impl Cables {
         samples: &[CableSample],
         instant: &Instant,
     ) -> Measurements {
-        let recent = readings.recent(samples, instant.cycle);
+        let recent = readings.recent(samples, instant);
         let mut measured = self.at(samples, &recent, instant);
         for (at, recent) in measured.iter_mut().zip(recent) {
             *at = at.filter(|at| recent && at.length_m.is_finite() && at.velocity_m_s.is_finite());

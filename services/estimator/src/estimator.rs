@@ -2,6 +2,7 @@
 
 use cable_robot::LengthErrors;
 use cable_robot::modes::stiffness_at_n_m;
+use cable_robot::rate::lasting;
 use cable_robot::{CableVec, Robot, Vector3, elastic};
 use config::EstimatorSection;
 use messages::{CABLES, Header, MotorAuthority, MotorState, NodeEstimate, same_life};
@@ -221,12 +222,15 @@ impl Estimator {
     /// repeats the stamp of the last one; its instant is then extrapolated by the period.
     fn instant_ns(&self, state: &MotorState, authority: Option<&MotorAuthority>) -> u64 {
         let cycles = state.header.cycle.saturating_sub(self.last_cycle);
-        let repeated = state.header.stamp_ns == self.last_stamp_ns && (1..=BRIDGED_CYCLES).contains(&cycles);
-        match authority {
-            Some(authority) if repeated && (0.0..1.0).contains(&authority.period_s) => {
-                self.last_instant_ns.saturating_add(cycles * (authority.period_s * 1e9) as u64)
-            }
-            _ => state.header.stamp_ns,
+        let repeated = state.header.stamp_ns == self.last_stamp_ns && cycles > 0;
+        let Some(MotorAuthority { period_s, .. }) = authority.filter(|_| repeated) else {
+            return state.header.stamp_ns;
+        };
+        let bridged = u64::from(lasting(BRIDGED_CYCLES as u32, *period_s));
+        if cycles <= bridged && (0.0..1.0).contains(period_s) {
+            self.last_instant_ns.saturating_add(cycles * (period_s * 1e9) as u64)
+        } else {
+            state.header.stamp_ns
         }
     }
 

@@ -2,25 +2,23 @@
 
 use messages::{CABLES, MotorState};
 
-use crate::cable_estimator::{BRIDGED_CYCLES, CableSample, Measurement};
+use crate::cable_estimator::{CableSample, Instant, Measurement};
 
 /// Measurements by cable; `None` where a cable has none.
 pub(crate) type Measurements = [Option<Measurement>; CABLES];
 
-/// The cycles in which cables were read last; `None` before the first reading.
+/// Cycle and time, ns, of the last reading of each cable; `None` before the first one.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Readings([Option<u64>; CABLES]);
+pub(crate) struct Readings([Option<(u64, u64)>; CABLES]);
 
 impl Readings {
-    /// Processes the samples of a cycle; returns which cables were read in it or at most [`BRIDGED_CYCLES`] before.
-    pub(crate) fn recent(&mut self, samples: &[CableSample], cycle: u64) -> [bool; CABLES] {
-        for (read_cycle, sample) in self.0.iter_mut().zip(samples).filter(|(_, sample)| sample.length_m.is_some()) {
-            *read_cycle = Some(sample.cycle);
+    /// Processes the samples of a cycle; returns which cables were read in it, or so shortly before its instant that a
+    /// method bridges the time ([`Instant::bridges`]).
+    pub(crate) fn recent(&mut self, samples: &[CableSample], instant: &Instant) -> [bool; CABLES] {
+        for (read, sample) in self.0.iter_mut().zip(samples).filter(|(_, sample)| sample.length_m.is_some()) {
+            *read = Some((sample.cycle, sample.sampled_ns));
         }
-        self.0.map(|read_cycle| {
-            let silent = read_cycle.and_then(|read_cycle| cycle.checked_sub(read_cycle));
-            silent.is_some_and(|cycles| cycles <= BRIDGED_CYCLES)
-        })
+        self.0.map(|read| read.is_some_and(|(cycle, sampled_ns)| instant.bridges(sampled_ns, cycle)))
     }
 
     pub(crate) fn forget(&mut self) {

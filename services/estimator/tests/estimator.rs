@@ -193,6 +193,44 @@ fn lost_readings_are_bridged_but_not_for_long() {
     }
 }
 
+/// Time for which the estimates stay valid while one cable is not read, s.
+fn bridged_s(method: Method, rate_hz: f64) -> f64 {
+    let robot = robot(3, Some(6000.0));
+    let mut estimator = estimator(robot, method);
+    // What happens within 10 ms at 100 Hz, in a period of this rate.
+    let faster = rate_hz / 100.0;
+    let shrunk = |at_ns: u64| (at_ns as f64 / faster) as u64;
+    let at = |cycle: u64| {
+        let (mut state, _) = steady(&robot, cycle);
+        state.header.stamp_ns = shrunk(state.header.stamp_ns);
+        state.sampled_ns = state.sampled_ns.map(shrunk);
+        (state.command_m_s, state.velocity_m_s) =
+            (state.command_m_s.map(|v| v * faster), state.velocity_m_s.map(|v| v * faster));
+        state
+    };
+    for cycle in 1..=100 {
+        assert_eq!(estimator.step(&at(cycle), None).valid, 1);
+    }
+    let valid = |cycle: &u64| {
+        let mut state = at(*cycle);
+        state.fresh[2] = 0;
+        estimator.step(&state, None).valid == 1
+    };
+    (101..200).take_while(valid).count() as f64 / rate_hz
+}
+
+#[test]
+fn above_250_hz_lost_readings_are_bridged_for_as_long_as_at_250_hz() {
+    for method in methods() {
+        let [at_100_hz, at_250_hz] = [100.0, 250.0].map(|rate_hz| bridged_s(method, rate_hz));
+        assert_eq!([at_100_hz, at_250_hz], [3.0 / 100.0, 3.0 / 250.0]);
+        for rate_hz in [333.0, 400.0, 500.0] {
+            let s = bridged_s(method, rate_hz);
+            assert!((s - at_250_hz).abs() <= 1.0 / rate_hz, "{rate_hz} Hz: {s} s instead of {at_250_hz} s");
+        }
+    }
+}
+
 /// The state of a cycle without any reading repeats the readings and the stamp of the last one.
 #[test]
 fn a_cycle_without_any_reading_is_extrapolated_by_a_period() {

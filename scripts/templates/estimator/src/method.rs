@@ -1,6 +1,6 @@
 //! The method: change this file. As it is, it is an alpha-beta filter.
 
-use estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement};
+use estimator::{CableEstimator, CableSample, Instant, Measurement};
 
 /// One cable: the length is extrapolated with a velocity, and each reading corrects both by a share of the difference.
 #[derive(Debug, Clone)]
@@ -39,7 +39,8 @@ impl CableEstimator for MyEstimator {
         let Some(length_m) = sample.length_m else { return };
         let begin = std::mem::take(&mut self.begin);
         // After a long silence, or where the lengths were set again, it begins at rest with the reading.
-        let last = self.state.filter(|last| !begin && cycle.saturating_sub(last.cycle) <= BRIDGED_CYCLES);
+        let now = Instant { cycle, time_ns: sampled_ns };
+        let last = self.state.filter(|last| !begin && now.bridges(last.sampled_ns, last.cycle));
         let passed_s = last.map_or(0.0, |last| sampled_ns.saturating_sub(last.sampled_ns) as f64 * 1e-9);
         self.state = Some(match last {
             Some(last) if passed_s > 0.0 => {
