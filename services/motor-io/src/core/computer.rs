@@ -16,12 +16,14 @@ const CHAIN_SHARE: f64 = 0.3;
 /// Share of a period that an exchange with the drives may take; more leaves estimator and controller too little.
 const EXCHANGE_SHARE: f64 = 1.0 - CHAIN_SHARE;
 
-/// Age beyond which evidence does not explain a missing command, cycles. A process that waits for a processor shows it
-/// in every cycle; one that died during a hiccup does not.
+/// Age beyond which evidence does not explain a missing command, cycles, at more than 250 Hz as long. A process that
+/// waits for a processor shows it in every cycle; one that died during a hiccup does not.
 const RECENT_CYCLES: u32 = 3;
 
-/// Periods with evidence, of the last 64, from which a fault coincides with it. One late begin explains no fault.
+/// Periods with evidence, of the last `WITHIN`, from which a fault coincides with it; at more than 250 Hz both are as
+/// long. One late begin explains no fault.
 const COINCIDES: u32 = 6;
+const WITHIN: u32 = 64;
 
 /// Time for which the cause is shown after the robot continues, s.
 const SAID_S: f64 = 1.0;
@@ -70,9 +72,10 @@ impl Core {
         starved.own_age = age(starved.own_age, own);
         let evidence = own || starved.now.of_chain(in_charge);
         starved.age = age(starved.age, evidence);
-        let passed = (since_s(self.timing.begin_ns) / period_s + 0.5).clamp(1.0, 64.0) as u32;
-        let these = if evidence { u64::MAX } else { 0 };
-        starved.recent = starved.recent.checked_shl(passed).unwrap_or(0) | these.checked_shr(64 - passed).unwrap_or(0);
+        let passed = (since_s(self.timing.begin_ns) / period_s + 0.5).clamp(1.0, f64::from(u128::BITS)) as u32;
+        let these = if evidence { u128::MAX } else { 0 };
+        starved.recent =
+            starved.recent.checked_shl(passed).unwrap_or(0) | these.checked_shr(u128::BITS - passed).unwrap_or(0);
     }
 
     /// Time that the virtual motor box left out since the previous cycle, s: nothing moved in it.
@@ -108,7 +111,7 @@ impl Core {
     /// Returns true if the computer explains why commands have been missing for so many cycles. The robot then slows
     /// down and waits for the next command.
     pub(super) fn waits_for_the_computer(&mut self, missing: u32) -> bool {
-        let recent = missing.min(RECENT_CYCLES);
+        let recent = missing.min(self.config.lasting(RECENT_CYCLES));
         let waits = missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
         if waits {
             self.safety.record_stop(MotorAuthority::FAULT_COMPUTER);
@@ -119,7 +122,7 @@ impl Core {
 
     /// Returns the cause of a stop without commands: the computer, with evidence, or else `cause`.
     pub(super) fn or_the_computer(&mut self, cause: u32) -> u32 {
-        if self.starved.within(RECENT_CYCLES) {
+        if self.starved.within(self.config.lasting(RECENT_CYCLES)) {
             return MotorAuthority::FAULT_COMPUTER;
         }
         self.safety.clear_stops(MotorAuthority::FAULT_COMPUTER);
@@ -138,7 +141,10 @@ impl Core {
 
     /// Adds the computer to a fault that it can have caused.
     pub(super) fn name_the_computer(&self, found: &mut Faults) {
-        if found.bits & EXPLAINED != 0 && self.starved.recent.count_ones() >= COINCIDES {
+        let [coincides, within] = [COINCIDES, WITHIN].map(|cycles| self.config.lasting(cycles));
+        // The newest are in the lowest bits, and the oldest of all would be pushed out.
+        let recent = self.starved.recent << u128::BITS.saturating_sub(within);
+        if found.bits & EXPLAINED != 0 && recent.count_ones() >= coincides {
             found.robot(MotorAuthority::FAULT_COMPUTER);
         }
     }

@@ -39,7 +39,7 @@ const DAMPING: f64 = 0.5;
 const FADE_S: f64 = 2.0;
 /// Largest speed of a cable, as a share of the cable's limit in motions.
 const FAST_SHARE: f64 = 0.5;
-/// Cycles in a row in which a cable may be faster: one may be a late reading.
+/// Cycles in a row in which a cable may be faster, at more than 250 Hz as long: one may be a late reading.
 const FAST_CYCLES: u32 = 3;
 /// Cycles in a row in which a unit may not be read: as many as before it counts as lost, and at more than 250 Hz as
 /// long.
@@ -117,7 +117,7 @@ impl Core {
         self.limits.begin(&soft.velocity_m_s);
         let fast = largest(&soft.velocity_m_s) > FAST_SHARE * self.config.cable_speed_m_s;
         soft.fast = if fast { soft.fast + 1 } else { 0 };
-        if soft.fast >= FAST_CYCLES {
+        if soft.fast >= self.config.lasting(FAST_CYCLES) {
             return self.end_soft(MotorAuthority::FAULT_SOFT_SPEED);
         }
         let Some(tensions_n) = self.yielding_tensions_n(&mut soft) else {

@@ -57,8 +57,9 @@ pub(super) struct Starved {
     pub(super) own_age: u32,
     /// Cycles since the last evidence of motor-io or the pair in charge.
     pub(super) age: u32,
-    /// The last 64 periods, the newest in the lowest bit; 1: evidence of motor-io or the pair in charge.
-    pub(super) recent: u64,
+    /// The last 128 periods, 256 ms at 500 Hz, the newest in the lowest bit; 1: evidence of motor-io or the pair in
+    /// charge.
+    pub(super) recent: u128,
     /// Cycles for which the cause of a stop is still shown.
     pub(super) named_cycles: u32,
 }

@@ -27,11 +27,12 @@ const WAIT_CYCLES: u32 = 420;
 const LENGTHS_M: [f64; 3] = [6.2; 3];
 
 fn ready(config: CoreConfig) -> Rig {
+    let wait = config.cycles(f64::from(WAIT_CYCLES) * PERIOD_S);
     let mut rig = Rig::new(config);
     rig.length_m[..3].copy_from_slice(&LENGTHS_M);
     rig = rig.ready();
     rig.demand(lengths(LENGTHS_M));
-    rig.steps(WAIT_CYCLES);
+    rig.steps(wait);
     rig
 }
 
@@ -49,8 +50,9 @@ fn soft() -> Rig {
 /// A hand moves the cables at these speeds, m/s, for so many cycles.
 fn lead(rig: &mut Rig, m_s: [f64; 3], cycles: u32) {
     for _ in 0..cycles {
+        let period_s = rig.period_s;
         for (length_m, v) in rig.length_m.iter_mut().zip(m_s) {
-            *length_m += v * PERIOD_S;
+            *length_m += v * period_s;
         }
         rig.step();
     }
@@ -251,6 +253,30 @@ fn a_cable_that_runs_away_ends_it_in_three_cycles() {
     assert_eq!(rig.mode(), A::MODE_HOLDING);
     rig.demand(Request::Soft);
     assert_eq!(rig.faults(), 0);
+}
+
+/// Time for which a cable may run away, s.
+fn runs_away_for_s(rate_hz: f64) -> f64 {
+    let config = CoreConfig { period_s: 1.0 / rate_hz, ..back_drivable() };
+    let limit_m_s = 0.5 * config.cable_speed_m_s;
+    let mut rig = ready(config);
+    rig.demand(Request::Soft);
+    rig.steps(50);
+    for cycle in 1..100 {
+        lead(&mut rig, [0.0, -1.6 * limit_m_s, 0.0], 1);
+        if rig.mode() != A::MODE_SOFT {
+            assert_eq!(rig.faults() & A::FAULT_SOFT_SPEED, A::FAULT_SOFT_SPEED, "{rate_hz} Hz: {:#x}", rig.faults());
+            return f64::from(cycle) / rate_hz;
+        }
+    }
+    panic!("{rate_hz} Hz: still soft");
+}
+
+/// A reading that a hiccup of the machine has made late is not shorter at a higher rate.
+#[test]
+fn above_250_hz_a_cable_may_run_away_for_as_long_as_at_250_hz() {
+    let at_250_hz_s = runs_away_for_s(250.0);
+    assert!((runs_away_for_s(500.0) - at_250_hz_s).abs() < 0.003, "{} {at_250_hz_s}", runs_away_for_s(500.0));
 }
 
 #[test]

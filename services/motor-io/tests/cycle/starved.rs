@@ -3,7 +3,7 @@
 use crate::rig;
 
 use messages::{MotorAuthority as A, MotorInput, Request, SLOTS};
-use rig::Rig;
+use rig::{Rig, config_at};
 
 const PERIOD_NS: u64 = 10_000_000;
 const CONTROLLER_A: usize = 0;
@@ -66,6 +66,33 @@ fn a_dead_controller_is_not_reported_as_load_even_just_after_load() {
     // A process that waits for a processor shows it in every cycle; this one does not.
     rig.steps(60);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_COMMAND_LOST));
+}
+
+/// A hiccup of the machine takes as long at a higher rate, and so does what follows it.
+#[test]
+fn load_explains_missing_commands_and_faults_for_as_long_at_every_rate() {
+    for rate_hz in [250.0, 500.0] {
+        let cycles = |seconds: f64| (seconds * rate_hz).round() as u32;
+        let following = || Rig::following_with(config_at(rate_hz), [0.1, -0.1, 0.05]);
+        let mut rig = following();
+        let velocity = rig.controller.take();
+        waits(&mut rig, CONTROLLER_A, cycles(0.04));
+        rig.steps(cycles(0.008));
+        rig.controller = velocity;
+        rig.steps(cycles(0.1));
+        assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, A::FAULT_COMPUTER), "{rate_hz} Hz");
+
+        for (load_s, pause_s, named) in
+            [(0.016, 0.0, 0), (0.04, 0.0, A::FAULT_COMPUTER), (0.04, 0.16, A::FAULT_COMPUTER)]
+        {
+            let mut rig = following();
+            waits(&mut rig, ESTIMATOR_A, cycles(load_s));
+            rig.steps(cycles(pause_s));
+            rig.unit[1] = MotorInput::UNIT_LOST;
+            rig.until(10, |rig| rig.mode() == A::MODE_FAULTED);
+            assert_eq!(rig.faults(), A::FAULT_LOST_UNIT | named, "{rate_hz} Hz, load for {load_s} s");
+        }
+    }
 }
 
 /// The waiting slot is not the one in charge.

@@ -30,8 +30,12 @@ pub fn parts() -> RobotParts {
 }
 
 pub fn config() -> CoreConfig {
+    config_at(1.0 / PERIOD_S)
+}
+
+pub fn config_at(rate_hz: f64) -> CoreConfig {
     let robot = Robot::new(parts()).unwrap();
-    CoreConfig::new(robot, PERIOD_S, &COUNTS_PER_M, &[vec![0, 1], vec![2]]).unwrap()
+    CoreConfig::new(robot, 1.0 / rate_hz, &COUNTS_PER_M, &[vec![0, 1], vec![2]]).unwrap()
 }
 
 /// Sets the lengths of the three cables, m.
@@ -75,6 +79,7 @@ pub struct Rig {
     pub core: Core,
     pub inbox: Inbox,
     pub cycle: u64,
+    pub period_s: f64,
     pub now_ns: u64,
     /// How long an exchange with the drives takes.
     pub exchange_ns: u64,
@@ -130,12 +135,14 @@ impl Default for Rig {
 
 impl Rig {
     pub fn new(config: CoreConfig) -> Self {
+        let period_s = config.period_s;
         Self {
             inbox: Inbox::new(config.cable_count(), config.unit_count),
             core: Core::new(config),
             cycle: 0,
+            period_s,
             now_ns: 1_000_000_000,
-            exchange_ns: 4_000_000,
+            exchange_ns: (0.4 * period_s * 1e9).round() as u64,
             length_m: [5.0; CABLES],
             velocity_m_s: [0.0; CABLES],
             count_offset: [0; CABLES],
@@ -213,7 +220,7 @@ impl Rig {
     /// One cycle, `late_ns` after it was due and `gap_ns` longer than a period after the last.
     pub fn step_after(&mut self, gap_ns: i64, late_ns: u64) -> &Step {
         self.cycle += 1;
-        self.now_ns = self.now_ns.saturating_add_signed((PERIOD_S * 1e9) as i64 + gap_ns);
+        self.now_ns = self.now_ns.saturating_add_signed((self.period_s * 1e9) as i64 + gap_ns);
         if self.planner {
             self.motion.beat += 1;
             self.inbox.motion(&self.motion, self.core.motion());
@@ -230,23 +237,23 @@ impl Rig {
         let answers = self.core.answers().to_vec();
         self.on_the_way.push_back(sent);
         let heard = if self.on_the_way.len() > self.delay_cycles { self.on_the_way.pop_front() } else { None };
-        let passed_s = PERIOD_S + gap_ns as f64 * 1e-9;
+        let passed_s = self.period_s + gap_ns as f64 * 1e-9;
         for i in 0..3 {
             self.unheard_s[i] += passed_s;
             // While the computer stood still, the drives followed the last command.
-            let moved_s = passed_s.min((WATCHDOG_S - self.unheard_s[i] + passed_s).max(PERIOD_S));
+            let moved_s = passed_s.min((WATCHDOG_S - self.unheard_s[i] + passed_s).max(self.period_s));
             if let Some(heard) = heard.filter(|_| !self.deaf[i]) {
                 self.target_m_s[i] = if heard.released[i] { 0.0 } else { heard.speed_m_s[i] };
                 self.unheard_s[i] = 0.0;
             } else if self.unheard_s[i] > WATCHDOG_S {
                 self.target_m_s[i] = 0.0;
             }
-            self.velocity_m_s[i] += (self.target_m_s[i] - self.velocity_m_s[i]) * PERIOD_S / self.lag_s;
+            self.velocity_m_s[i] += (self.target_m_s[i] - self.velocity_m_s[i]) * self.period_s / self.lag_s;
             self.length_m[i] += self.velocity_m_s[i] * moved_s;
             if !self.dead[i] {
                 input.counts[i] = (self.length_m[i] * COUNTS_PER_M[i]).round() as i64 + self.count_offset[i];
             }
-            input.sampled_ns[i] = self.now_ns + 1_000_000 * (i as u64 + 1);
+            input.sampled_ns[i] = self.now_ns + self.exchange_ns.min(4_000_000) / 4 * (i as u64 + 1);
             input.current_a[i] = self.current_a[i];
             input.duty[i] = self.duty[i];
         }
@@ -348,13 +355,19 @@ impl Rig {
 
     /// Following a long motion at these velocities.
     pub fn following(velocity: [f64; 3]) -> Self {
-        let mut rig = Self::default().ready();
+        Self::following_with(config(), velocity)
+    }
+
+    /// The same of a robot with this configuration.
+    pub fn following_with(config: CoreConfig, velocity: [f64; 3]) -> Self {
+        let second = config.cycles(1.0);
+        let mut rig = Self::new(config).ready();
         rig.offer(1000.0);
         let mut all = [0.0; CABLES];
         all[..3].copy_from_slice(&velocity);
         rig.controller = Some(all);
         rig.until(10, |rig| rig.mode() == messages::MotorAuthority::MODE_FOLLOWING);
-        rig.steps(100);
+        rig.steps(second);
         assert_eq!(rig.seen().authority.plan_rate, 1.0);
         rig
     }
