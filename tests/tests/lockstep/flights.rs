@@ -9,6 +9,7 @@ use nims_tests::scenarios::{self, Case};
 use planner::Mission;
 use plant::PlantConfig;
 use robot_state::Reason;
+use std::collections::BTreeSet;
 
 const QUICK: [f64; 2] = [0.030, 0.040];
 const SLOW: [f64; 2] = [0.060, 0.100];
@@ -103,6 +104,17 @@ fn the_node_follows_its_mission_at_slow_and_at_quick_rates() {
     // A rate beyond that of a robot is refused, also here.
     let error = fly(at(501.0, lab("lab3"))).unwrap_err().to_string();
     assert!(error.contains("period") && error.contains("500"), "{error}");
+}
+
+/// The planner of the processes goes by time, and so does that of the lockstep.
+#[test]
+fn the_planner_is_stepped_as_often_at_every_rate() {
+    let lab = Case { robot: "lab3", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
+    for rate_hz in [20.0, 100.0, 500.0] {
+        let mut lockstep = Lockstep::new(at(rate_hz, lab.clone())).unwrap();
+        let beats: BTreeSet<u64> = (0..(2.0 * rate_hz) as u32).map(|_| lockstep.cycle().unwrap().motion.beat).collect();
+        assert!((20..=21).contains(&beats.len()), "{rate_hz} Hz: {} steps in two seconds", beats.len());
+    }
 }
 
 /// The example for 500 Hz, with the chain of its files, along a side of the room: every period is steered, and the node

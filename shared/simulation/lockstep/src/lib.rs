@@ -13,7 +13,7 @@ pub use flight::{Cycle, Deviation, Flight, Observed, Scenario};
 pub use slots::{ControllerOutput, Slots};
 
 use anyhow::{Context, Result, ensure};
-use cable_robot::CableVec;
+use cable_robot::{CableVec, rate};
 use controller::{Controller, Notice};
 use messages::{CABLES, Header, MotorAuthority, MotorInput, NodeEstimate, PlanMotion, PlanStatus, Request, UNITS};
 use motor_io::{Answer, Core, Position, Setpoints};
@@ -37,8 +37,8 @@ const APART_BELOW_NS: u64 = 4_000_000;
 /// which the 156 bytes of a cycle are 0.52.
 const APART_PERCENT: u64 = 40;
 
-/// Number of cycles per step of the planner.
-const PLANNER_CYCLES: u64 = 10;
+/// Time between two steps of the planner, s.
+const PLANNER_S: f64 = 0.1;
 
 /// Initial state of a life of motor-io.
 #[derive(Debug, Clone, Copy)]
@@ -148,6 +148,13 @@ impl Lockstep {
     /// Asks motor-io for something in the next cycle (at most four requests per cycle).
     pub fn request(&mut self, request: Request) {
         self.requests.push(request);
+    }
+
+    /// Steps the planner in a cycle that is its turn.
+    fn step_planner_in_turn(&mut self) {
+        if self.cycle.is_multiple_of(rate::cycles(PLANNER_S, self.scenario.period_s).into()) {
+            self.step_planner();
+        }
     }
 
     /// Runs a step of the planner, if it is running.
@@ -307,9 +314,7 @@ impl Lockstep {
         self.planner.follow_zero(&state);
         self.estimate = self.slots.blended(&authority);
         self.authority = Some(authority);
-        if cycle.is_multiple_of(PLANNER_CYCLES) {
-            self.step_planner();
-        }
+        self.step_planner_in_turn();
         let (command, control) = self.slots.command(&state, &authority, &self.motion);
         let estimate = self.estimate.unwrap_or_default();
         let rest_ns = tick_ns + period_ns - self.plant.time_ns();

@@ -63,9 +63,7 @@ impl Lockstep {
         }
         self.plant.step(period_s, &self.drives[..n])?;
         self.cycle += 1;
-        if self.cycle.is_multiple_of(super::PLANNER_CYCLES) {
-            self.step_planner();
-        }
+        self.step_planner_in_turn();
         Ok(())
     }
 

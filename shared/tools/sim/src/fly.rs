@@ -15,12 +15,12 @@ use planner::Mission;
 
 use crate::args::Args;
 use crate::commands::Commands;
-use crate::tape::{Tape, true_node};
+use crate::tape::{Tape, is_turn, true_node};
 
-/// Cycles between two samples of `plan/status`, about as in the planner's process.
-const SLOW_CYCLES: u64 = 10;
-/// Cycles between two points of a chart.
-const CHART_CYCLES: u64 = 5;
+/// Time between two samples of `plan/status`, about as in the planner's process, s.
+const PLAN_S: f64 = 0.1;
+/// Time between two points of a chart, s.
+const CHART_S: f64 = 0.05;
 
 /// How a flight ended.
 #[derive(Debug, Clone)]
@@ -111,7 +111,7 @@ pub(crate) fn scenario(file: &SystemFile, args: &Args) -> Result<Scenario> {
 /// Writes a cycle, its plan and its truth.
 pub(crate) fn record(tape: &mut Tape, seen: &Observed<'_>) -> Result<()> {
     tape.cycle(seen.cycle, seen.slots)?;
-    if seen.cycle.input.header.cycle.is_multiple_of(SLOW_CYCLES) {
+    if is_turn(seen.cycle, PLAN_S) {
         let mut plan = seen.cycle.plan;
         plan.header.stamp_ns = seen.cycle.state.header.stamp_ns;
         tape.write("plan/status", plan)?;
@@ -122,7 +122,7 @@ pub(crate) fn record(tape: &mut Tape, seen: &Observed<'_>) -> Result<()> {
 /// A point of the charts, in a cycle that has one.
 fn distances(cycle: &Cycle) -> Option<[f64; 3]> {
     let following = cycle.authority.mode == MotorAuthority::MODE_FOLLOWING;
-    (following && cycle.input.header.cycle.is_multiple_of(CHART_CYCLES)).then(|| {
+    (following && is_turn(cycle, CHART_S)).then(|| {
         let setpoint = cycle.control.setpoint_m;
         let distance =
             |from: &[f64; 3]| from.iter().zip(setpoint).map(|(from, to)| (from - to) * (from - to)).sum::<f64>().sqrt();

@@ -5,14 +5,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use cable_robot::rate;
 use config::SystemFile;
 use lockstep::{Cycle, Slots};
 use messages::{Message, SLOT_NAMES, TruthNode};
 use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunWriter};
 use runtime::build;
 
-/// Cycles between two samples of `energy`, as in motor-io.
-const ENERGY_CYCLES: u64 = 10;
+/// Time between two samples of `energy`, as in motor-io, s.
+const ENERGY_S: f64 = 0.1;
 /// Start time of every flight, UNIX time, ns; fixed, so that the file always has the same bytes.
 const BEGAN_UNIX_NS: u64 = 1_767_225_600_000_000_000;
 
@@ -80,7 +81,7 @@ impl Tape {
         self.write("motor/state", cycle.state)?;
         self.write("motor/authority", cycle.authority)?;
         self.write("motor/slots", cycle.slots)?;
-        if cycle.input.header.cycle.is_multiple_of(ENERGY_CYCLES) {
+        if is_turn(cycle, ENERGY_S) {
             self.write("energy", cycle.energy)?;
         }
         for (slot, estimate) in slots.estimates() {
@@ -104,6 +105,11 @@ impl Tape {
     pub fn finish(self) -> Result<PathBuf> {
         Ok(self.writer.finish(&Default::default())?)
     }
+}
+
+/// True in one cycle of each such time.
+pub(crate) fn is_turn(cycle: &Cycle, seconds: f64) -> bool {
+    cycle.input.header.cycle.is_multiple_of(rate::cycles(seconds, cycle.authority.period_s).into())
 }
 
 /// What the virtual motor box publishes of a cycle's truth.
