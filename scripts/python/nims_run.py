@@ -26,6 +26,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 # CDR as XCDR1 names its number types; `char` and `byte` are one byte.
@@ -181,7 +182,10 @@ class Run:
         self._lock = threading.Lock()
         for file in self.files:
             with file.open("rb") as stream:
-                summary = make_reader(stream).get_summary()
+                try:
+                    summary = make_reader(stream).get_summary()
+                except (McapError, struct.error, ValueError, OSError) as problem:
+                    raise RunError(f"{file} cannot be read as MCAP ({problem}): `nims recover {file}` restores what it holds") from None
                 if summary is None or summary.statistics is None:
                     raise RunError(f"{file} has no index: `nims recover {file}` makes one")
                 self._descriptors.append(os.dup(stream.fileno()))
@@ -201,10 +205,14 @@ class Run:
 
     def _begin(self):
         """The start of the recorder, from which the run counts, UNIX ns."""
-        with self.files[0].open("rb") as stream:
-            about = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
-        begin = about.get("run", {}).get("t0_unix_ns")
-        return int(begin) if begin else min(summary.statistics.message_start_time for summary in self._summaries)
+        for file in self.files:
+            with file.open("rb") as stream:
+                about = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
+            # A file that a power cut emptied has none.
+            if begin := about.get("run", {}).get("t0_unix_ns"):
+                return int(begin)
+        begins = [summary.statistics.message_start_time for summary in self._summaries if summary.statistics.message_count]
+        return min(begins, default=0)
 
     def _name_of(self, channel, schema):
         """The name of a channel, followed by @ and the hash of its type if it had another type before."""
@@ -376,7 +384,10 @@ class Run:
         return (samples["log_time_ns"].astype(np.int64) - self.begin_ns) * 1e-9
 
     def columns(self, name, numbers_from=1):
-        """A channel as plain columns, `length_m_1` and so on for arrays; for `pandas.DataFrame` or `polars.DataFrame`."""
+        """A channel as plain columns, `length_m_1` and so on for arrays; for `pandas.DataFrame` or `polars.DataFrame`.
+
+        A field of the name of an earlier column, such as `t_s`, gets a `_` behind it.
+        """
         samples = self[name]
         columns = {"t_s": self.seconds(samples)}
         _spread(samples, "", columns, numbers_from)
@@ -437,8 +448,11 @@ def _body_bytes(raw, begins):
 def _flat(record):
     """The type of a record with the sample's fields beside its time."""
     sample, at = record["sample"], record.fields["sample"][1]
+    names = ["log_time_ns"]
+    for field in sample.names:
+        names.append(_free(field, names))
     return np.dtype({
-        "names": ["log_time_ns", *sample.names],
+        "names": names,
         "formats": [record["log_time_ns"], *(sample[field] for field in sample.names)],
         "offsets": [0, *(at + sample.fields[field][1] for field in sample.names)],
         "itemsize": record.itemsize,
@@ -541,6 +555,13 @@ def _uncompressed(stored, chunk):
     return np.frombuffer(body, np.uint8)
 
 
+def _free(name, taken):
+    """The name, or as `nims export` names a field whose name is taken."""
+    while name in taken:
+        name += "_"
+    return name
+
+
 def _spread(samples, prefix, columns, first):
     for field in samples.dtype.names:
         column, name = samples[field], f"{prefix}{field}"
@@ -552,7 +573,7 @@ def _spread(samples, prefix, columns, first):
         elif re.fullmatch(r"pad\d+", field):
             continue
         elif column.ndim == 1:
-            columns[name] = column
+            columns[_free(name, columns)] = column
         else:
             for number in range(column.shape[1]):
-                columns[f"{name}_{number + first}"] = column[:, number]
+                columns[_free(f"{name}_{number + first}", columns)] = column[:, number]

@@ -37,6 +37,7 @@ import enum
 import json
 import keyword
 import math
+import operator
 import os
 import re
 import signal
@@ -67,6 +68,13 @@ PRIMITIVES = {
     ctypes.c_double: "float64", ctypes.c_float: "float32",
     ctypes.c_int8: "int8", ctypes.c_int16: "int16", ctypes.c_int32: "int32", ctypes.c_int64: "int64",
     ctypes.c_uint8: "uint8", ctypes.c_uint16: "uint16", ctypes.c_uint32: "uint32", ctypes.c_uint64: "uint64",
+}
+# Smallest and largest integer of each type: ctypes keeps the lowest bits of others without a word.
+LIMITS = {
+    kind: (0, 2**bits - 1) if ros.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    for kind, ros in PRIMITIVES.items()
+    for bits in [8 * ctypes.sizeof(kind)]
+    if "int" in ros
 }
 # The folder of the gateways' sockets, and reasons of a gateway: no robot runs; the sensor is taken; samples, and
 # connections, come too often.
@@ -269,7 +277,7 @@ class Sensor:
             if hasattr(kind, "_length_"):
                 self._set_array(sample, name, kind, value)
             else:
-                setattr(sample, name, value)
+                setattr(sample, name, _whole(value, kind, name) if kind in LIMITS else value)
         return self._way.publish(sample, now_ns() if stamp_ns is None else stamp_ns)
 
     def _set_array(self, sample, name, kind, value):
@@ -603,6 +611,14 @@ def _need_room(channel, size):
         )
 
 
+def _whole(value, kind, name):
+    """An integer that its type holds."""
+    whole, (low, high) = operator.index(value), LIMITS[kind]
+    if not low <= whole <= high:
+        raise SensorError(f"the field `{name}` holds {low} to {high}, but {whole} was given: use a wider type")
+    return whole
+
+
 def _fill(array, values, name):
     """Copies values into an array of a sample: at once for bytes and arrays of the same type (numpy, array, ctypes)."""
     kind = array._type_
@@ -618,7 +634,9 @@ def _fill(array, values, name):
     if same:
         ctypes.memmove(array, (ctypes.c_char * view.nbytes).from_buffer(view) if not view.readonly else bytes(view), view.nbytes)
     else:
-        array[:given] = list(values) if plain and view.ndim <= 1 else [number for number in values]
+        # Of several dimensions, the numbers in their order.
+        numbers = view.cast("B").cast(view.format) if plain and view.ndim > 1 else values
+        array[:given] = [_whole(number, kind, name) if kind in LIMITS else number for number in numbers]
 
 
 def _same_number(view, kind):

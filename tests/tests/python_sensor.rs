@@ -208,3 +208,11 @@ fn type_definitions_from_python_equal_those_of_rust() {
     assert!(refusals.contains("`class`") && refusals.contains("`Foreign.a`"), "{refusals}");
     assert!(!refusals.contains("accepted"), "{refusals}");
 }
+
+#[test]
+fn fields_with_awkward_names_and_numbers_are_refused_or_read_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = project().join("tests/python/check_fields.py");
+    let output = Command::new(python()).arg(script).arg(folder.path()).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}

@@ -58,18 +58,22 @@ class Link:
         self.socket.settimeout(timeout_s)
         self._read = bytearray()
         """What has been read of the next frames: a timeout within a frame loses nothing."""
+        self._number = 0
         try:
             self.socket.connect(path)
+            self.send({"call": "hello", "version": VERSION, "origin": "python"} | ({"token": token} if token else {}))
+            self.welcome, _ = self.receive()
+            if self.welcome.get("reply") != "welcome":
+                raise Refused(self.welcome)
         except OSError as error:
-            raise RobotError(f"the gateway {path} is out of reach ({error.strerror}): is the robot running?") from None
-        self._number = 0
-        self.send({"call": "hello", "version": VERSION, "origin": "python"} | ({"token": token} if token else {}))
-        self.welcome, _ = self.receive()
-        if self.welcome.get("reply") != "welcome":
-            raise Refused(self.welcome)
+            self.socket.close()
+            raise RobotError(f"the gateway {path} is out of reach ({error.strerror or error}): is the robot running?") from None
+        except BaseException:
+            self.socket.close()
+            raise
 
     def send(self, call: Mapping[str, Any], body: bytes = b"") -> None:
-        header = json.dumps(call).encode()
+        header = json.dumps(call, default=_plain).encode()
         self.socket.sendall(struct.pack("<II", len(header), len(body)) + header + body)
 
     def call(self, call: Mapping[str, Any], body: bytes = b"") -> dict[str, Any]:
@@ -176,12 +180,16 @@ class Robot:
 
     def subscribe(self, channel: str, rate_hz: float | None = None) -> Subscription:
         """Subscribes to a channel by name; with a rate, the newest sample so often."""
-        return Subscription(Link(self._path, self._token, LONGEST_S), channel, rate_hz)
+        link = Link(self._path, self._token, LONGEST_S)
+        try:
+            return Subscription(link, channel, rate_hz)
+        except BaseException:
+            link.close()
+            raise
 
     def ask(self, verb: str, body: bytes = b"", **parameters: Any) -> str:
         """Sends a request (docs/gateway.md has the verbs); returns the robot's answer, or raises `Refused`."""
-        given = {key: _plain(value) for key, value in parameters.items()}
-        sentence: str = self._link.call({"call": "ask", "request": {"verb": verb, **given}}, body)["sentence"]
+        sentence: str = self._link.call({"call": "ask", "request": {"verb": verb, **parameters}}, body)["sentence"]
         return sentence
 
     def arm(self) -> str:
@@ -245,7 +253,7 @@ class Robot:
 
     def set(self, key: str, value: float | int | bool | str) -> str:
         """Sets a parameter of the running robot, such as `controller.length_gain_per_s`."""
-        text = str(value).lower() if isinstance(value, bool) else json.dumps(value)
+        text = str(value).lower() if isinstance(value, bool) else json.dumps(value, default=_plain)
         return self.ask("set", key=key, value=text)
 
     def swap(self, role: Literal["controller", "estimator"], slot: Literal["a", "b"]) -> str:
@@ -264,8 +272,10 @@ class Robot:
 
 
 def _plain(value: Any) -> Any:
-    """NumPy's numbers and arrays as JSON has them."""
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+    """NumPy's numbers and arrays, also in lists, as JSON has them."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{value!r} is no value of JSON; accepted: texts, numbers, truth values, and lists and dictionaries of them")
 
 
 def _definition(reply: Mapping[str, Any], channel: str) -> Any:

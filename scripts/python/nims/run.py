@@ -15,26 +15,32 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from nims_run import Run as _Run
+from nims_run import _free
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import pandas as pd
 
-# How the names of fields end, the longest first, and what a column of that name is in.
+# How the names of fields end, and what a column of that name is in; the longest end counts.
 UNITS = {
     "_n_s2_m2": "N s2/m2", "_n_s_m": "N s/m", "_counts_s": "1/s", "_per_m": "1/m", "_per_s": "1/s", "_m_s2": "m/s2", "_m_s": "m/s", "_m2": "m2",
-    "_rad_s": "rad/s", "_percent": "%", "_counts": "counts", "_bytes": "bytes", "_deg": "deg", "_rad": "rad", "_ohm": "ohm", "_pa": "Pa", "_hz": "Hz", "_kg": "kg",
+    "_rad_s2": "rad/s2", "_rad_s": "rad/s", "_deg_s2": "deg/s2", "_deg_s": "deg/s", "_mm_s": "mm/s", "_n_m": "N/m", "_w_m2": "W/m2", "_kg_m3": "kg/m3",
+    "_kg_m": "kg/m", "_n_a": "N/A", "_nm_a": "N m/A", "_per_k": "1/K", "_deg_c": "degC", "_percent": "%", "_counts": "counts", "_bytes": "bytes", "_deg": "deg", "_rad": "rad", "_ohm": "ohm", "_pa": "Pa", "_hz": "Hz", "_kg": "kg",
     "_ns": "ns", "_ms": "ms", "_us": "us", "_nm": "N m", "_m": "m", "_s": "s", "_n": "N", "_a": "A", "_v": "V", "_w": "W", "_j": "J", "_c": "degC", "_k": "K",
 }
+# Units that, before another one, are a part of a unit that is not in the list above.
+PARTS = {"deg", "rad", "mm", "cm", "um", "km", "n", "kn", "kg", "g", "mg", "w", "j", "l", "ml", "nm", "pa", "kpa", "hpa", "ma", "mv", "percent", "per"}
 CAUSES = ("computer", "drive", "resync", "answer")
 # Least speed of a setpoint that moves, m/s, as in `nims report`: slower ones are the ends of a profile.
 MOVING_M_S = 1e-3
 
 
 def unit_of(column: str) -> str:
-    """The unit of a column by its name, such as `length_m_2`; empty if it has none."""
-    name = re.sub(r"(_\d+)+$", "", column)
-    return next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
+    """The unit of a column by its name, such as `length_m_2`; empty if it has none, or one that is not in the list."""
+    name = re.sub(r"(_\d+)+$", "", column.rstrip("_"))
+    end = max((end for end in UNITS if name.endswith(end)), key=len, default="")
+    before = name.removesuffix(end).rpartition("_")[2]
+    return UNITS[end] if end and before not in PARTS else ""
 
 
 class Run(_Run):  # type: ignore[misc]
@@ -50,7 +56,9 @@ class Run(_Run):  # type: ignore[misc]
         """
         import pandas as pd
 
-        columns = self.columns(name)
+        columns: dict[str, NDArray[Any]] = {}
+        for key, values in self.columns(name).items():
+            columns[_free(key, {"utc", *columns})] = values
         frame = pd.DataFrame({key: np.asarray(values).astype(values.dtype.newbyteorder("=")) for key, values in columns.items()})
         frame.insert(1, "utc", pd.to_datetime(self.begin_ns + np.round(columns["t_s"] * 1e9).astype(np.int64), utc=True))
         frame.attrs["units"] = {column: unit_of(column) for column in columns}

@@ -1,0 +1,117 @@
+"""Fields of sensors with awkward names and numbers: what `nims_sensor` refuses, and what readers make of the rest.
+
+Argument: a folder for run files. They are written as a recorder writes them, by the independent package `mcap`.
+"""
+
+import importlib.util
+import struct
+import sys
+from ctypes import c_double, c_int16, c_uint8
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import Writer
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "python"))
+import nims_sensor
+from nims.run import unit_of
+from nims_run import Run, RunError
+
+FOLDER = Path(sys.argv[1])
+BEGIN_NS = 1_790_000_000 * 10**9
+HEADER = "=" * 80 + "\nMSG: nims_msgs/Header\n" + "".join(f"uint64 {name}\n" for name, _ in nims_sensor.Header._fields_)
+
+
+class Counts(nims_sensor.Sample):
+    """Whole numbers."""
+
+    _fields_ = [("value", c_double), ("offset", c_int16), ("steps", c_int16 * 4), ("count", c_uint8)]
+
+
+class Kept:
+    """A way that keeps what is published."""
+
+    def publish(self, sample, stamp_ns):
+        return sample
+
+
+def check_numbers():
+    sensor = nims_sensor.Sensor.__new__(nims_sensor.Sensor)
+    sensor._message, sensor._kinds, sensor._way = Counts, dict(Counts._fields_), Kept()
+    sent = sensor.send(value=np.float32(1.5), count=np.int64(255), offset=-32768, steps=np.array([[1, -2], [3, 32767]]))
+    assert (sent.value, sent.count, sent.offset, list(sent.steps)) == (1.5, 255, -32768, [1, -2, 3, 32767])
+    # ctypes would keep the lowest bits: 44, -25536 and 1.
+    for field, wrong in (("count", 300), ("count", -1), ("offset", 40000), ("steps", [0, 65537]), ("steps", np.array([40000]))):
+        try:
+            sensor.send(**{field: wrong})
+        except nims_sensor.SensorError as error:
+            assert f"`{field}`" in str(error), error
+        else:
+            raise AssertionError(f"{field}={wrong} was sent")
+
+
+def write(path, fields, values):
+    """Ten samples of `sensor/odd` from 1 s on, ten a second, each with these values and its number."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "check_fields")
+        if fields:
+            writer.add_metadata("run", {"t0_unix_ns": str(BEGIN_NS), "t0_mono_ns": "0"})
+            text = "nims_msgs/Header header\n" + "".join(f"float64 {name}\n" for name in fields) + HEADER
+            schema = writer.register_schema("nims_msgs/msg/Odd", "ros2msg", text.encode())
+            channel = writer.register_channel("/sensor/odd", "cdr", schema, {"type": "nims_msgs/Odd/00000001"})
+            for number in range(10):
+                at_ns = BEGIN_NS + 10**9 + number * 10**8
+                sample = struct.pack(f"<6Q{len(fields)}d", 1, number, number, at_ns, at_ns, at_ns, *values)
+                writer.add_message(channel, at_ns, b"\0\1\0\0" + sample, at_ns, number)
+        writer.finish()
+
+
+def check_names(path):
+    fields = ["t_s", "log_time_ns", "seq", "utc"]
+    write(path, fields, [np.nan, np.inf, 7.0, 8.0])
+    run = Run(path)
+    samples = run["sensor/odd"]
+    assert np.allclose(run.seconds(samples), 1.0 + 0.1 * np.arange(10)) and np.isinf(samples["log_time_ns_"]).all()
+    columns = run.columns("sensor/odd")
+    # As in a table of `nims export`: the time and the number are those of the recording.
+    assert np.array_equal(columns["t_s"], run.seconds(samples)) and np.array_equal(columns["seq"], np.arange(10))
+    assert np.isnan(columns["t_s_"]).all() and (columns["seq_"] == 7).all() and (columns["utc"] == 8).all()
+    if importlib.util.find_spec("pandas"):
+        import nims
+
+        frame = nims.Run(path).frame("sensor/odd")
+        assert str(frame["utc"].iloc[0]) == "2026-09-21 14:13:21+00:00" and (frame["utc_"] == 8).all(), frame
+
+
+def check_files(folder):
+    """A file without samples, as a recovery makes it of an empty one, is no end of the run; one that is no MCAP is named."""
+    write(folder / "run.mcap", [], [])
+    write(folder / "run-0002.mcap", ["value"], [1.0])
+    run = Run(folder)
+    assert run.begin_ns == BEGIN_NS and len(run["sensor/odd"]) == 10
+    (folder / "run-0003.mcap").write_bytes(bytes(5000))
+    try:
+        Run(folder)
+    except RunError as error:
+        assert "run-0003.mcap" in str(error) and "\n" not in str(error), error
+    else:
+        raise AssertionError("zeros are a run file")
+
+
+def check_units():
+    units = {
+        "length_m_2": "m", "stamp_ns": "ns", "rate_deg_s": "deg/s", "stiffness_n_m": "N/m", "flux_w_m2": "W/m2", "force_constant_n_a": "N/A",
+        "expansion_per_k": "1/K", "speed_mm_s": "mm/s", "temperature_deg_c": "degC", "knot_s_m": "m",
+        # No unit is better than one of its parts.
+        "flow_l_s": "", "inertia_kg_m2": "", "name": "",
+    }
+    for name, unit in units.items():
+        assert unit_of(name) == unit, (name, unit_of(name))
+
+
+check_numbers()
+check_names(FOLDER / "odd.mcap")
+(FOLDER / "run").mkdir()
+check_files(FOLDER / "run")
+check_units()
