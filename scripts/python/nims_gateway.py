@@ -12,6 +12,7 @@ than the robot's, and sets NIMS_GATEWAY and NIMS_NAME.
 """
 
 import json
+import math
 import os
 import socket
 import struct
@@ -53,11 +54,13 @@ class Sensor:
     def send(self, values, quality="good", age_s=0.0):
         """Publishes one reading; returns False while no robot or no gateway runs.
 
-        `values` has the declared number of values, None where the device reports none; `quality` is good, doubtful or
-        invalid; `age_s` is the time since the measurement, s.
+        `values` has the declared number of values, None or NaN where the device reports none; `quality` is good, doubtful
+        or invalid; `age_s` is the time since the measurement, s.
         """
         self.number += 1
-        reading = {"sensor": self.name, "values": list(values), "quality": quality, "age_s": age_s}
+        # JSON has no numbers that are not finite, and the gateway would end the connection.
+        plain = [None if value is None or not math.isfinite(value) else float(value) for value in values]
+        reading = {"sensor": self.name, "values": plain, "quality": quality, "age_s": float(age_s)}
         try:
             answer = self._call({"call": "publish", "id": self.number, "reading": reading})
         except OSError:

@@ -256,8 +256,10 @@ class Run:
     def read(self, *names, begin_s=None, end_s=None):
         """Samples of these channels (default: of all) from `begin_s` until before `end_s`, as a dictionary of arrays.
 
-        One pass over the run, however many channels it reads.
+        One pass over the run, however many channels it reads. Of all, those whose samples have lists of different lengths,
+        such as pictures, are left out with a warning.
         """
+        left_out = None if names else set()
         names = names or self.channels
         definitions, whole, filled = {}, {}, dict.fromkeys(names, 0)
         for name in names:
@@ -268,24 +270,32 @@ class Run:
                     # The system gives an array its memory where it is first written to.
                     whole[name] = np.empty(self.counts[name], _record(definitions[name]))
         lists = {name: [] for name in names if name not in whole}
-        for name, piece in self._pieces(names, definitions, begin_s, end_s):
+        for name, piece in self._pieces(names, definitions, begin_s, end_s, left_out):
             if name in whole:
                 whole[name][filled[name] : filled[name] + len(piece)] = piece
                 filled[name] += len(piece)
             else:
                 lists[name].append(piece)
         read = {name: _shortened(samples, filled[name]) for name, samples in whole.items()}
-        read.update((name, self._open(name, pieces)) for name, pieces in lists.items())
-        return {name: _ordered(read[name]) for name in names}
+        for name, pieces in lists.items():
+            if left_out and name in left_out:
+                continue
+            try:
+                read[name] = self._open(name, pieces)
+            except RunError as problem:
+                _leave_out(name, problem, left_out)
+        return {name: _ordered(read[name]) for name in names if not left_out or name not in left_out}
 
     def pieces(self, *names, begin_s=None, end_s=None):
         """The same samples bit by bit: pairs of a channel's name and an array, one for each chunk of the file.
 
-        For runs that are larger than the memory. Samples of a channel are in the order of writing.
+        For runs that are larger than the memory. Samples of a channel are in the order of writing. Pictures and the like are
+        left out as by `read`.
         """
+        left_out = None if names else set()
         names = names or self.channels
         definitions = {name: self.definition(name) for name in names if self.counts.get(name, 1)}
-        for name, piece in self._pieces(names, definitions, begin_s, end_s):
+        for name, piece in self._pieces(names, definitions, begin_s, end_s, left_out):
             yield name, piece.view(_flat(piece.dtype))
 
     def _open(self, name, pieces):
@@ -294,8 +304,10 @@ class Run:
             return _joined(pieces)
         return np.zeros(0, _record(self.definition(name)))
 
-    def _pieces(self, names, definitions, begin_s, end_s):
-        """For each chunk and each channel in it: the records of its samples, without those that a file repeats."""
+    def _pieces(self, names, definitions, begin_s, end_s, left_out):
+        """For each chunk and each channel in it: the records of its samples, without those that a file repeats. Channels whose
+        samples have no common type are added to `left_out`; where that is None, they are an error.
+        """
         begin_ns, end_ns = (None if at is None else self.begin_ns + round(at * 1e9) for at in (begin_s, end_s))
 
         def within(chunk):
@@ -309,7 +321,13 @@ class Run:
                 one.next_file()
             for chunk, entries_of in self._chunks(file, names, lambda c, e=ends: within(c) or c.chunk_start_offset in e):
                 for name, entries in entries_of.items():
-                    piece = _records(definitions[name], chunk, entries, f"{self.files[file]}: samples of `{name}`")
+                    if left_out and name in left_out:
+                        continue
+                    try:
+                        piece = _records(definitions[name], chunk, entries, f"{self.files[file]}: samples of `{name}`")
+                    except RunError as problem:
+                        _leave_out(name, problem, left_out)
+                        continue
                     keep = past[name].are_new(_keys(chunk, entries)) if past else np.ones(len(piece), bool)
                     if begin_ns or end_ns:
                         keep &= (entries["log_time"] >= (begin_ns or 0)) & (entries["log_time"] < (end_ns or 2**63))
@@ -404,6 +422,14 @@ def _files_of(folder):
     files = of_run or files
     bare = {stem.removesuffix(RECOVERED): stem for stem in sorted(files)}  # `run-recovered` sorts after `run`
     return [files[bare[stem]] for stem in sorted(bare)]
+
+
+def _leave_out(name, problem, left_out):
+    """Leaves a channel out with a warning; an error if it was asked for by name."""
+    if left_out is None:
+        raise RunError(f"`{name}`: {problem}") from None
+    left_out.add(name)
+    warnings.warn(f"`{name}` is left out: {problem}", stacklevel=4)
 
 
 def _joined(parts, places=None):

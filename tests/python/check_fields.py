@@ -4,8 +4,10 @@ Argument: a folder for run files. They are written as a recorder writes them, by
 """
 
 import importlib.util
+import json
 import struct
 import sys
+import warnings
 from ctypes import c_double, c_int16, c_uint8
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import numpy as np
 from mcap.writer import Writer
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "python"))
+import nims_gateway
 import nims_sensor
 from nims.run import unit_of
 from nims_run import Run, RunError
@@ -48,6 +51,15 @@ def check_numbers():
             assert f"`{field}`" in str(error), error
         else:
             raise AssertionError(f"{field}={wrong} was sent")
+
+
+def check_readings():
+    """A reading without a value, of a device that says so in another way."""
+    sensor, sent = nims_gateway.Sensor("odd", "/nowhere.sock"), []
+    sensor._call = lambda call: sent.append(json.dumps(call, allow_nan=False)) or {"reply": "done"}
+    assert sensor.send([1, np.float32(2.5), None, float("nan"), np.inf], age_s=np.float32(0.5))
+    reading = json.loads(sent[0])["reading"]
+    assert reading["values"] == [1.0, 2.5, None, None, None] and reading["age_s"] == 0.5, reading
 
 
 def write(path, fields, values):
@@ -99,6 +111,32 @@ def check_files(folder):
         raise AssertionError("zeros are a run file")
 
 
+def check_lists(path):
+    """Samples with lists of different lengths, such as pictures, keep no other channel from being read."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "check_fields")
+        for topic, text in (("/blob/camera", "uint8[] data\n"), ("/sensor/even", "float64 value\n")):
+            channel = writer.register_channel(topic, "cdr", writer.register_schema("nims_msgs/msg/" + topic[-4:].title(), "ros2msg", text.encode()))
+            for number in range(5):
+                body = struct.pack("<I", number + 1) + bytes(number + 1) if topic == "/blob/camera" else struct.pack("<d", number)
+                writer.add_message(channel, BEGIN_NS + number, b"\0\1\0\0" + body, BEGIN_NS + number, number)
+        writer.finish()
+    run = Run(path)
+    for read in (run.read, lambda: dict(run.pieces())):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            samples = read()
+        assert list(samples) == ["sensor/even"] and samples["sensor/even"]["value"].tolist() == [0, 1, 2, 3, 4], samples
+        assert len(told) == 1 and "`blob/camera`" in str(told[0].message), told
+    try:
+        run.read("blob/camera")
+    except RunError as error:
+        assert "`blob/camera`" in str(error), error
+    else:
+        raise AssertionError("pictures of different sizes in one array")
+
+
 def check_units():
     units = {
         "length_m_2": "m", "stamp_ns": "ns", "rate_deg_s": "deg/s", "stiffness_n_m": "N/m", "flux_w_m2": "W/m2", "force_constant_n_a": "N/A",
@@ -111,7 +149,9 @@ def check_units():
 
 
 check_numbers()
+check_readings()
 check_names(FOLDER / "odd.mcap")
 (FOLDER / "run").mkdir()
 check_files(FOLDER / "run")
+check_lists(FOLDER / "lists.mcap")
 check_units()

@@ -5,6 +5,7 @@ process, and with itself in batches. The tables of an analyst are compared with 
 """
 
 import importlib.util
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -88,6 +89,7 @@ def check_tables(run):
     # Where the node rests, no distance counts.
     moves = [leg for leg in legs if not np.isnan(leg["error_rms_m"])]
     assert len(moves) >= 2 and all(leg["error_max_m"] >= leg["error_rms_m"] >= 0 for leg in moves), legs
+    check_legs(run.files[0].parent, legs)
     assert not run.faults() and sum(one["periods"] for one in run.causes()) == lost(run)
     assert run.units("motor/state")["length_m_1"] == "m" and run.units("truth/node")["tension_n_1"] == "N"
     assert {name for _, _, name in run.modes()} >= {"disarmed", "holding", "following"}
@@ -100,6 +102,18 @@ def check_tables(run):
         assert np.array_equal(frame["cycle"], run["motor/state"]["header"]["cycle"]) and str(frame["utc"].iloc[0].tz) == "UTC"
     else:
         print("left out: tables of pandas, which is not installed")
+
+
+def check_legs(folder, legs):
+    """The figures of `nims report`, whose program lies beside that of `nims sim`."""
+    report = [Path(PROGRAM).with_name("nims"), "report", folder, "--json"]
+    rows = json.loads(subprocess.run(report, check=True, capture_output=True).stdout)["runs"][0]["legs"]
+    assert len(rows) == len(legs), (len(rows), len(legs))
+    for row, leg in zip(rows, legs, strict=True):
+        error = row["estimate"] or {"rms_m": np.nan, "max_m": np.nan}
+        ours = [leg["begin_s"], leg["end_s"], leg["error_rms_m"], leg["error_max_m"]]
+        theirs = [row["begin_s"], row["begin_s"] + row["duration_s"], error["rms_m"], error["max_m"]]
+        assert np.allclose(ours, theirs, rtol=1e-9, atol=1e-9, equal_nan=True), (leg, row)
 
 
 def lost(run):

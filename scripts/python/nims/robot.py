@@ -26,11 +26,12 @@ from types import TracebackType
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 VERSION = 1
 LONGEST_S = 60.0
 
-Vector = Sequence[float]
+Vector = Sequence[float] | NDArray[Any]
 
 
 class RobotError(Exception):
@@ -73,7 +74,10 @@ class Link:
             raise
 
     def send(self, call: Mapping[str, Any], body: bytes = b"") -> None:
-        header = json.dumps(call, default=_plain).encode()
+        try:
+            header = json.dumps(call, default=_plain, allow_nan=False).encode()
+        except ValueError:
+            raise RobotError(f"{call} has a number that is not finite; accepted: finite numbers") from None
         self.socket.sendall(struct.pack("<II", len(header), len(body)) + header + body)
 
     def call(self, call: Mapping[str, Any], body: bytes = b"") -> dict[str, Any]:

@@ -80,9 +80,12 @@ class Run(_Run):  # type: ignore[misc]
         authority, status = self._in_charge()
         seconds = self.seconds(authority)
         plan = self["plan/status"] if "plan/status" in self.definitions else None
-        moves = np.linalg.norm(status["setpoint_velocity_m_s"], axis=1) * authority["plan_rate"] > MOVING_M_S
+        # It contains the rate of the plan clock.
+        moves = np.linalg.norm(status["setpoint_velocity_m_s"], axis=1) > MOVING_M_S
         counts, legs = moves & (status["valid"] == 1), []
-        keys = [authority["header"]["life"], *(authority[field] for field in ("epoch", "motion", "segment"))]
+        # That of the setpoint: motor-io still names the last segment in the cycle in which the next one begins. 0: no answer.
+        segments = np.where(status["segment"] != 0, status["segment"], authority["segment"])
+        keys = [authority["header"]["life"], authority["epoch"], authority["motion"], segments]
         for first, last in _stretches(*keys):
             begin, end = float(seconds[first]), float(seconds[last])
             leg = None
@@ -90,7 +93,7 @@ class Run(_Run):  # type: ignore[misc]
                 leg = int(plan["leg"][max(np.searchsorted(self.seconds(plan), end, "right") - 1, 0)])
             error = status["error_norm_m"][first : last + 1][counts[first : last + 1]]
             rms, most = (float(np.sqrt((error**2).mean())), float(error.max())) if len(error) else (float("nan"), float("nan"))
-            segment = int(authority["segment"][first])
+            segment = int(segments[first])
             legs.append({"leg": leg, "segment": segment, "begin_s": begin, "end_s": end, "error_rms_m": rms, "error_max_m": most})
         return legs
 
@@ -109,7 +112,7 @@ class Run(_Run):  # type: ignore[misc]
                 rows.append(of_slot[of_authority])
                 answers.append(status[of_status])
         if not rows:
-            return authority[:0], np.zeros(0, [("valid", "u1"), ("error_norm_m", "<f8"), ("setpoint_velocity_m_s", "<f8", 3)])
+            return authority[:0], np.zeros(0, [("valid", "u1"), ("segment", "<u4"), ("error_norm_m", "<f8"), ("setpoint_velocity_m_s", "<f8", 3)])
         whole = np.concatenate(rows)
         order = np.argsort(whole, kind="stable")
         return authority[whole[order]], np.concatenate(answers)[order]
