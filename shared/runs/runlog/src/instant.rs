@@ -1,7 +1,7 @@
 //! The newest samples of every channel at an instant: reads only the chunks that hold them, by the index of the file.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mcap::records::{ChunkIndex, Record};
@@ -49,7 +49,12 @@ impl Instant {
     /// # Errors
     /// The run cannot be read.
     pub fn read(run: &Path, at_ns: u64) -> Result<Self, RunError> {
-        let files = if run.is_dir() { segments(run)? } else { vec![run.to_owned()] };
+        let mut files = if run.is_dir() { segments(run)? } else { vec![run.to_owned()] };
+        if files.len() > 1 {
+            // A file that a power cut emptied keeps no other from being read.
+            let is_empty = |file: &PathBuf| matches!(Scanner::open(file), Err(RunError::NotARun { .. }));
+            files.retain(|file| !is_empty(file));
+        }
         let mut instant = Self::default();
         // The newest file that has begun has the newest samples. Shortly after its begin it has few of them, and
         // earlier files have those before.

@@ -105,6 +105,8 @@ pub struct RunReader {
     all: Vec<Arc<RecordedChannel>>,
     /// Only for runs of more than one file.
     repeats: Option<Duplicates>,
+    /// Whether a file in which nothing can be found is damage and no error, because the run has others.
+    skips: bool,
     schemas: HashMap<u16, (String, String)>,
     clock: Option<RunClock>,
     begin_ns: Option<u64>,
@@ -118,16 +120,19 @@ pub struct RunReader {
 }
 
 impl RunReader {
-    /// Opens a file or a folder.
+    /// Opens a file or a folder. A file of a folder in which nothing can be found is damage if there is another one.
     ///
     /// # Errors
     /// There is no run file.
     pub fn open(path: &Path) -> Result<Self, RunError> {
         let files = if path.is_dir() { segments(path)? } else { vec![path.to_owned()] };
         let bytes = files.iter().filter_map(|file| file.metadata().ok()).map(|meta| meta.len()).sum();
+        // A file that a power cut emptied, or its recovery, has none.
+        let about = files.iter().find_map(|file| first_about(file)).unwrap_or_default();
         let mut reader = Self {
             bytes,
             repeats: (files.len() > 1).then(Duplicates::default),
+            skips: files.len() > 1 && files.iter().any(|file| Scanner::open(file).is_ok()),
             files: files.into_iter(),
             scanner: None,
             path: path.to_owned(),
@@ -136,7 +141,7 @@ impl RunReader {
             schemas: HashMap::new(),
             clock: None,
             begin_ns: None,
-            about: BTreeMap::new(),
+            about,
             end: Vec::new(),
             attachments: Vec::new(),
             damage: Vec::new(),
@@ -145,7 +150,6 @@ impl RunReader {
             orphaned: 0,
         };
         reader.open_next()?;
-        reader.about = first_about(&reader.path).unwrap_or_default();
         reader.clock = RunClock::from_about(&reader.about);
         reader.begin_ns = reader.clock.map(|clock| clock.t0_unix_ns);
         Ok(reader)
@@ -156,7 +160,7 @@ impl RunReader {
             self.finished.push((self.path.clone(), scanner.complete(), scanner.length()));
         }
         let Some(path) = self.files.next() else { return Ok(false) };
-        self.scanner = Some(Scanner::open(&path)?);
+        self.scanner = Some(if self.skips { Scanner::open_any(&path)? } else { Scanner::open(&path)? });
         self.path = path;
         self.channels.clear();
         self.schemas.clear();

@@ -82,7 +82,7 @@ pub fn recover_leaving(
     if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
         return Err(RunError::Busy { path: path.to_owned() });
     }
-    let unfinished = path.as_os_str().to_string_lossy().ends_with(PART_ENDING);
+    let unfinished = is_unfinished(path);
     let target = target_of(path)?;
     debug_assert!(target != path, "a recovery would overwrite its source {}", path.display());
     let mut temporary = OsString::from(target.as_os_str());
@@ -126,6 +126,10 @@ pub fn recover_leaving(
         source_bytes: copied.source_bytes,
         bytes,
     })
+}
+
+fn is_unfinished(path: &Path) -> bool {
+    path.as_os_str().to_string_lossy().ends_with(PART_ENDING)
 }
 
 /// Checks that the disk has room for a copy of the file, and `leave_bytes` more.
@@ -189,7 +193,8 @@ fn copy(
     definitions: &[ChannelDefinition],
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Copied, RunError> {
-    let mut scanner = Scanner::open(source)?;
+    // An unfinished file is a recorder's by its name, also if a power cut has emptied it.
+    let mut scanner = if is_unfinished(source) { Scanner::open_any(source)? } else { Scanner::open(source)? };
     let file = File::create(temporary).map_err(RunError::io(temporary, "create the recovered file"))?;
     let counted = CountingWriter { inner: BufWriter::new(file), written: Arc::default() };
     let writer = options().create(counted).map_err(RunError::write(temporary))?;

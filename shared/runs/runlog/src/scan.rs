@@ -94,7 +94,29 @@ fn chunk_reader() -> LinearReader {
 }
 
 impl Scanner {
+    /// Opens a file in which something can be found.
     pub(crate) fn open(path: &Path) -> Result<Self, RunError> {
+        let (scanner, nothing) = Self::begin(path)?;
+        match nothing {
+            Some(what) => Err(RunError::not_a_run(path, what)),
+            None => Ok(scanner),
+        }
+    }
+
+    /// As [`Scanner::open`], but a file in which nothing can be found is one damaged place. A power cut leaves such
+    /// files, empty or full of zeros, and the other files of their run are to be read nevertheless.
+    pub(crate) fn open_any(path: &Path) -> Result<Self, RunError> {
+        let (mut scanner, nothing) = Self::begin(path)?;
+        if let Some(what) = nothing {
+            let (bytes, torn_end) = (scanner.length, matches!(what, NotARunReason::Empty));
+            scanner.push_damage(Damage { offset: 0, bytes, why: what.to_string(), torn_end });
+            scanner.at = scanner.length;
+        }
+        Ok(scanner)
+    }
+
+    /// Opens a file; also returns why nothing can be found in it.
+    fn begin(path: &Path) -> Result<(Self, Option<NotARunReason>), RunError> {
         let file = open_file(path)?;
         let meta = file.metadata().map_err(RunError::io(path, "read the run file"))?;
         let mut scanner = Self {
@@ -121,9 +143,9 @@ impl Scanner {
             scanner.at = MAGIC.len() as u64;
         } else if scanner.find_chunk(0)?.is_none() {
             let what = if scanner.length == 0 { NotARunReason::Empty } else { NotARunReason::NotMcap };
-            return Err(RunError::not_a_run(path, what));
+            return Ok((scanner, Some(what)));
         }
-        Ok(scanner)
+        Ok((scanner, None))
     }
 
     /// True if the file was finished properly; valid after the scan.

@@ -215,6 +215,66 @@ fn a_recovery_leaves_room_for_a_recorder_and_nothing_where_it_fails() {
 }
 
 #[test]
+fn a_file_that_a_power_cut_emptied_keeps_no_other_from_being_read() {
+    // A new file is in its folder before its content is on the disk: empty, or full of zeros.
+    for left in [&b""[..], &[0; 5000]] {
+        let folder = tempfile::tempdir().unwrap();
+        let (writer, path) = run(folder.path(), 100);
+        writer.finish(&BTreeMap::new()).unwrap();
+        for name in ["run-0002.mcap.part", "run-0003.mcap.part"] {
+            fs::write(folder.path().join(name), left).unwrap();
+        }
+        let part = folder.path().join("run-0002.mcap.part");
+        assert_eq!(states(folder.path()).len(), 100);
+        assert_eq!(Instant::read(folder.path(), u64::MAX).unwrap().samples["motor/state"].len(), 8);
+        let report = info(folder.path()).unwrap();
+        assert_eq!((report.messages, report.files.len(), report.healthy), (200, 3, false));
+        let finding = match left.is_empty() {
+            true => Finding::NotClosed { path: part.clone() },
+            false => Finding::Damaged { path: part.clone(), places: 1 },
+        };
+        assert!(report.findings.contains(&finding), "{:?}", report.findings);
+        let recovery = recover(&part, &mut quiet).unwrap();
+        assert_eq!((recovery.messages, recovery.kept.is_some()), (0, !left.is_empty()));
+        assert!(!part.exists() && info(folder.path()).unwrap().files[1].finished);
+        // As the first file of the run it has no clock; that of the others holds.
+        fs::rename(&path, folder.path().join("run-0004.mcap")).unwrap();
+        let reader = RunReader::open(folder.path()).unwrap();
+        assert_eq!(reader.begin_ns(), Some(1_700_000_000_000_000_000));
+        assert_eq!(reader.metadata()["robot"], "lab3");
+        fs::remove_file(folder.path().join("run-0004.mcap")).unwrap();
+        fs::remove_file(recovery.file).unwrap();
+        let alone = info(folder.path()).unwrap_err();
+        assert!(matches!(alone, RunError::NotARun { .. }), "nothing in it can be read: {alone}");
+    }
+}
+
+#[test]
+fn an_export_that_fails_leaves_nothing_of_it_and_all_of_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let (writer, path) = run(folder.path(), 100);
+    writer.finish(&BTreeMap::new()).unwrap();
+    let out = folder.path().join("export");
+    let request = |channels: &[&str]| export::ExportRequest {
+        format: export::Format::Csv,
+        folder: out.clone(),
+        channels: channels.iter().map(|name| (*name).to_owned()).collect(),
+        from_s: f64::NEG_INFINITY,
+        to_s: f64::INFINITY,
+    };
+    let left = || fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect::<Vec<_>>();
+    export::export(&path, &request(&["truth/node"]), &mut quiet).unwrap();
+    let table = fs::read(out.join("truth.node.csv")).unwrap();
+    // The table of the first channel is begun when the second one is found to exist.
+    let failed = export::export(&path, &request(&[]), &mut quiet).unwrap_err();
+    assert!(matches!(&failed, RunError::Io { path, .. } if path.ends_with("truth.node.csv")), "{failed}");
+    assert_eq!(left(), ["truth.node.csv"]);
+    assert_eq!(fs::read(out.join("truth.node.csv")).unwrap(), table);
+    export::export(&path, &request(&["motor/state"]), &mut quiet).unwrap();
+    assert_eq!(left().len(), 2);
+}
+
+#[test]
 fn a_recovered_file_lacks_what_the_numbers_of_the_next_one_show() {
     // Each file but the last is as a killed recorder leaves it: flushed up to sample 100, then recovered.
     for (next, lack) in [(101_u64, MissingData::Nothing), (131, MissingData::NotOnDisk)] {

@@ -117,16 +117,32 @@ const PROGRESS_SAMPLES: u64 = 1 << 14;
 /// Exports a run file or a run folder. `progress` receives the bytes read and the bytes in total.
 ///
 /// # Errors
-/// There is no run, it lacks a requested channel, or a table cannot be written. An existing table is not overwritten.
+/// There is no run, it lacks a requested channel, or a table cannot be written. An existing table is not overwritten,
+/// and no part of an export that failed is left.
 pub fn export(
     run: &Path,
     wanted: &ExportRequest,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<ExportResult, RunError> {
+    let mut made = Vec::new();
+    let exported = write_tables(run, wanted, &mut made, progress);
+    if exported.is_err() {
+        // A part of a table looks like a whole one. The error says more than one about the removal.
+        made.iter().for_each(|file| drop(fs::remove_file(file)));
+    }
+    exported
+}
+
+/// Writes the tables; adds the files that it creates to `made`.
+fn write_tables(
+    run: &Path,
+    wanted: &ExportRequest,
+    made: &mut Vec<PathBuf>,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<ExportResult, RunError> {
     let mut reader = RunReader::open(run)?;
     fs::create_dir_all(&wanted.folder).map_err(RunError::io(&wanted.folder, "create the folder"))?;
     let mut channels: HashMap<usize, Channel> = HashMap::new();
-    let mut names: Vec<String> = Vec::new();
     let mut result = ExportResult::default();
     let (mut read, mut waiting) = (0_u64, 0);
     loop {
@@ -143,8 +159,8 @@ pub fn export(
         let channel = match channels.get_mut(&recorded.index) {
             Some(channel) => channel,
             None => {
-                let made = begin_table(recorded.channel, recorded.sample.len(), wanted, &mut names)?;
-                channels.entry(recorded.index).or_insert(made.unwrap_or_else(|why| {
+                let begun = begin_table(recorded.channel, recorded.sample.len(), wanted, made)?;
+                channels.entry(recorded.index).or_insert(begun.unwrap_or_else(|why| {
                     result.left_out.push((recorded.channel.name.clone(), why));
                     Channel::LeftOut
                 }))
@@ -169,7 +185,6 @@ pub fn export(
     }
     progress(reader.bytes(), reader.bytes());
     if let Some(why) = not_found(&reader, wanted, channels.is_empty()) {
-        discard(channels);
         return Err(RunError::not_a_run(run, why));
     }
     for channel in channels.into_values() {
@@ -196,12 +211,12 @@ fn write_most(channels: &mut HashMap<usize, Channel>) -> Result<usize, RunError>
     Ok(waited)
 }
 
-/// Starts the table of a channel; the inner error is the reason for leaving the channel out.
+/// Starts the table of a channel and adds its file to `made`; the inner error is why the channel is left out.
 fn begin_table(
     channel: &RecordedChannel,
     size: usize,
     wanted: &ExportRequest,
-    names: &mut Vec<String>,
+    made: &mut Vec<PathBuf>,
 ) -> Result<Result<Channel, String>, RunError> {
     if BlobType::of_name(&channel.type_name).is_some() {
         return Ok(Err(
@@ -212,11 +227,11 @@ fn begin_table(
         Ok(table) => table,
         Err(why) => return Ok(Err(why)),
     };
-    let name = file_name(channel, names);
-    let file = wanted.folder.join(format!("{name}.{}", wanted.format.ending()));
-    names.push(name);
-    let made = fs::OpenOptions::new().write(true).create_new(true).open(&file);
-    let made = made.map_err(RunError::io(&file, "create the table"))?;
+    let name = file_name(channel, |name| made.contains(&file_of(wanted, name)), made.len());
+    let file = file_of(wanted, &name);
+    let table_file = fs::OpenOptions::new().write(true).create_new(true).open(&file);
+    let table_file = table_file.map_err(RunError::io(&file, "create the table"))?;
+    made.push(file.clone());
     let columns = match wanted.format {
         Format::Npy => npy::names(&table),
         Format::Csv | Format::Parquet => table.names(),
@@ -230,23 +245,28 @@ fn begin_table(
         columns,
     };
     let sink: std::io::Result<Box<dyn Sink>> = match wanted.format {
-        Format::Csv => csv::Csv::begin(made, table).map(|sink| Box::new(sink) as _),
-        Format::Npy => npy::Npy::begin(made, &table).map(|sink| Box::new(sink) as _),
-        Format::Parquet => parquet::Parquet::begin(made, table, channel).map(|sink| Box::new(sink) as _),
+        Format::Csv => csv::Csv::begin(table_file, table).map(|sink| Box::new(sink) as _),
+        Format::Npy => npy::Npy::begin(table_file, &table).map(|sink| Box::new(sink) as _),
+        Format::Parquet => parquet::Parquet::begin(table_file, table, channel).map(|sink| Box::new(sink) as _),
     };
     let sink = sink.map_err(RunError::io(&file, "write the header of the table"))?;
     Ok(Ok(Channel::Open(Box::new(Open { sink, size, exported }))))
 }
 
-/// `motor.state` for `motor/state`; followed by the type's hash if the channel had another type before.
-fn file_name(channel: &RecordedChannel, names: &[String]) -> String {
+fn file_of(wanted: &ExportRequest, name: &str) -> PathBuf {
+    wanted.folder.join(format!("{name}.{}", wanted.format.ending()))
+}
+
+/// `motor.state` for `motor/state`; followed by the hash of the type if the channel had another one before. `number`:
+/// that of the table, for names that are taken even so.
+fn file_name(channel: &RecordedChannel, is_taken: impl Fn(&str) -> bool, number: usize) -> String {
     let plain = channel.name.replace('/', ".");
-    if !names.contains(&plain) {
+    if !is_taken(&plain) {
         return plain;
     }
     let hash = channel.type_name.rsplit('/').next().filter(|hash| !hash.is_empty()).unwrap_or("other");
     let with_hash = format!("{plain}@{hash}");
-    if names.contains(&with_hash) { format!("{with_hash}-{}", names.len()) } else { with_hash }
+    if is_taken(&with_hash) { format!("{with_hash}-{number}") } else { with_hash }
 }
 
 fn is_wanted(patterns: &[String], name: &str) -> bool {
@@ -272,15 +292,5 @@ fn not_found(reader: &RunReader, wanted: &ExportRequest, is_empty: bool) -> Opti
         Some(NotARunReason::NoChannel { wanted: absent, there: names.into_iter().map(str::to_owned).collect() })
     } else {
         is_empty.then_some(NotARunReason::NoSampleThen)
-    }
-}
-
-/// Removes the tables of an export that is not the requested one.
-fn discard(channels: HashMap<usize, Channel>) {
-    for channel in channels.into_values() {
-        if let Channel::Open(open) = channel {
-            // The error about the request says more than one about the removal.
-            let _ = fs::remove_file(&open.exported.file);
-        }
     }
 }
