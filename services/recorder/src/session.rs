@@ -116,7 +116,7 @@ impl Session {
         }
         let path = next_file(&self.settings.folder);
         let mut about = self.settings.about.clone();
-        about.insert("segment".to_owned(), (self.files + 1).to_string());
+        about.insert("segment".to_owned(), number_of(&path).to_string());
         let attachments = self.run_attachments();
         let mut writer = RunWriter::create(&path, self.clock, &about, &attachments)?;
         let ids = match self.repeat(&mut writer, now_ns) {
@@ -519,6 +519,12 @@ impl Session {
         }
         last
     }
+}
+
+/// Returns the number of a run file by its name, which counts those of earlier recorders of the run too.
+fn number_of(file: &Path) -> u64 {
+    let stem = file.file_stem().and_then(|stem| stem.to_str());
+    stem.and_then(|stem| stem.strip_prefix("run-")?.parse().ok()).unwrap_or(1)
 }
 
 fn joined(thread: JoinHandle<Result<PathBuf, RunError>>) -> Result<(), RunError> {

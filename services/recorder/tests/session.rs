@@ -343,3 +343,13 @@ fn every_gap_is_recorded_at_its_place_in_the_file() {
         |line: &&str| ["truth/node", " 6 ", "4.000 s", cause_phrase(full)].iter().all(|part| line.contains(part));
     assert_eq!(said.lines().filter(line).count(), 1, "{said}");
 }
+
+#[test]
+fn a_restarted_recorder_goes_on_with_the_numbers_of_the_files() {
+    let folder = tempfile::tempdir().unwrap();
+    for number in ["1", "2", "3"] {
+        let session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
+        let path = session.close("stopped").unwrap().unwrap();
+        assert_eq!(RunReader::open(&path).unwrap().metadata()["segment"], number);
+    }
+}
