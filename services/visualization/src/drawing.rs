@@ -207,13 +207,17 @@ impl Visualization {
     /// Adds a reading at the present position of the node, or a sample at its own position, to a point cloud.
     fn add_point(&mut self, channel: &str, type_name: &str, sample: &[u8]) {
         let Some((_, name)) = channel.split_once('/') else { return };
-        let (place, value) = if let Some(sample) = read::<Sample>(type_name, sample) {
-            (sample.position_m, sample.value[0])
+        let (place, value, quality) = if let Some(sample) = read::<Sample>(type_name, sample) {
+            (sample.position_m, sample.value[0], sample.quality)
         } else if let (Some(reading), Some(node)) = (read::<Reading>(type_name, sample), self.node()) {
-            (node.position_m, reading.value[0])
+            (node.position_m, reading.value[0], reading.quality)
         } else {
             return;
         };
+        // As in maps: a value that a driver repeats was not measured here.
+        if matches!(quality, Reading::QUALITY_STALE | Reading::QUALITY_INVALID) {
+            return;
+        }
         // Separate clouds for readings and samples of a sensor, because samples are more accurate.
         let key = channel.replace('/', "-");
         let cloud = self.clouds.entry(if channel.starts_with("sample/") { name.to_owned() } else { key }).or_default();
