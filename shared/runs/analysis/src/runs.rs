@@ -37,6 +37,12 @@ pub fn end_reason(run: &Path) -> Option<String> {
     manifest_of(run)?["ended_because"].as_str().map(str::to_owned)
 }
 
+/// Returns when the processes of a run were asked to end, from its manifest, UNIX time, ns.
+#[must_use]
+pub fn stopping_unix_ns(run: &Path) -> Option<u64> {
+    manifest_of(run)?["stopping_unix_ns"].as_u64()
+}
+
 /// Minimum duration of a reported unrecorded end, s. The recorder writes to the disk twice a second, so a shorter one
 /// is normal.
 const END_S: f64 = 2.0;

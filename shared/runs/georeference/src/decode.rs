@@ -136,10 +136,29 @@ fn custom_format(config: &SensorConfig, schema: &str, size: usize) -> Result<For
     }
     let fields = value_fields(&schema, &config.section.fields)?;
     let count = fields.iter().map(|field| field.count.unwrap_or(1)).sum::<usize>().min(VALUES);
-    let names: Vec<&str> = fields.iter().map(|field| field.path.as_str()).collect();
     let mut empty = Sample { count: count as u8, value: [f64::NAN; VALUES], ..Sample::default() };
-    put_text(&mut empty.quantity, &names.join(","));
+    let names = value_names(&fields, empty.quantity.len());
+    put_text(&mut empty.quantity, &names);
     Ok(Format::Custom { fields, size, empty: Box::new(empty) })
+}
+
+/// Returns the name of each value as [`messages::name_at`] reads it: the numbers of an array are counted, and names that
+/// do not fit are left out, because a part of a name is another one.
+fn value_names(fields: &[SchemaField], room: usize) -> String {
+    let of_field = |field: &SchemaField| match field.count {
+        Some(count) if fields.len() > 1 => {
+            (1..=count.min(VALUES)).map(|number| format!("{}_{number}", field.path)).collect()
+        }
+        // One name is that of each value.
+        _ => vec![field.path.clone()],
+    };
+    let mut names = fields.iter().flat_map(of_field).collect::<Vec<String>>().join(",");
+    if names.len() > room {
+        // With the comma, the first name is not that of each value.
+        let whole = names.bytes().take(room).rposition(|byte| byte == b',').map_or(0, |comma| comma + 1);
+        names.truncate(whole);
+    }
+    names
 }
 
 /// Returns the fields of a custom type that are values: the wanted ones; without any, the first floating-point fields,
@@ -171,4 +190,37 @@ pub fn value_fields(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaFiel
 /// Returns the fields that may be values: neither header nor padding.
 fn values(schema: &Schema) -> impl Iterator<Item = &SchemaField> {
     schema.fields().iter().filter(|field| !field.path.starts_with("header.") && !field.path.starts_with("pad"))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use messages::{name_at, text_of};
+
+    /// The names of the values of a type with these fields.
+    fn names(fields: &str) -> Vec<String> {
+        let header =
+            "uint64 life\nuint64 cycle\nuint64 seq\nuint64 stamp_ns\nuint64 published_ns\nuint64 oldest_input_ns\n";
+        let schema = format!("nims_msgs/Header header\n{fields}{}\nMSG: nims_msgs/Header\n{header}", "=".repeat(80));
+        let size = Schema::parse(&schema).unwrap().size();
+        let config = SensorConfig { section: Default::default(), time_sigma_s: 0.0 };
+        let decoder = Decoder::new(&config, "lab/Probe/00000000", &schema, size).unwrap();
+        let sample = decoder.decode(&vec![0; size]).unwrap().sample;
+        (0..usize::from(sample.count)).map(|at| name_at(&text_of(&sample.quantity), at).to_owned()).collect()
+    }
+
+    #[test]
+    fn each_value_has_its_own_name_or_none() {
+        assert_eq!(names("float64 wind_m_s\n"), ["wind_m_s"]);
+        assert_eq!(names("float64[3] wind_m_s\n"), ["wind_m_s"; 3]);
+        // The second value is no temperature.
+        let wanted = ["wind_m_s_1", "wind_m_s_2", "temperature_c"];
+        assert_eq!(names("float64[2] wind_m_s\nfloat64 temperature_c\n"), wanted);
+        // 64 bytes of names: no part of a name, and the first one not for each value.
+        let long = ["a".repeat(40), "b".repeat(40), "c".repeat(40)];
+        let fields: String = long.iter().map(|name| format!("float64 {name}\n")).collect();
+        assert_eq!(names(&fields), [long[0].as_str(), "", ""]);
+        assert_eq!(names(&format!("float64 {}\nfloat64 b\n", "a".repeat(70))), ["", ""]);
+    }
 }

@@ -85,6 +85,8 @@ pub struct SensorMap {
     /// Coordinates of the samples across the plane.
     across: Across,
     names: [String; 2],
+    /// The sample whose quantity and unit the map has.
+    first: Option<Box<Sample>>,
     updated: bool,
 }
 
@@ -103,6 +105,7 @@ impl SensorMap {
             heights_m2: (0.0, 0),
             across: Across::NONE,
             names: Default::default(),
+            first: None,
             updated: false,
         }))
     }
@@ -110,12 +113,13 @@ impl SensorMap {
     /// Returns an empty map with the same settings on another grid.
     #[must_use]
     pub fn with_grid(&self, grid: GridMap) -> Self {
-        Self { grid, heights_m2: (0.0, 0), across: Across::NONE, updated: false, ..self.clone() }
+        Self { grid, heights_m2: (0.0, 0), across: Across::NONE, first: None, updated: false, ..self.clone() }
     }
 
-    /// Adds a sample.
+    /// Adds a sample. One of another quantity or unit begins an empty map, because values of both have no mean.
     pub fn add(&mut self, sample: &Sample) {
         let Some(point) = self.mapping.grid_sample(sample) else { return };
+        self.begin_kind(sample);
         self.grid.add(&point);
         self.updated = true;
         if self.mapping.looks_down {
@@ -124,9 +128,23 @@ impl SensorMap {
         } else {
             self.across.add(self.mapping.plane.across(sample.position_m));
         }
-        if self.names[0].is_empty() {
-            self.names = self.names_from(sample);
+    }
+
+    /// Begins the map of the quantity and unit of a sample, unless it is that already.
+    fn begin_kind(&mut self, sample: &Sample) {
+        let is_same = |first: &Sample| first.quantity == sample.quantity && first.unit == sample.unit;
+        if self.first.as_deref().is_some_and(is_same) {
+            return;
         }
+        let named = |sample: &Sample| {
+            [&sample.quantity[..], &sample.unit].map(|names| name_at(&text_of(names), self.mapping.value).to_owned())
+        };
+        let is_other = self.first.as_deref().is_some_and(|first| named(first) != named(sample));
+        if is_other && let Ok(grid) = GridMap::new(*self.grid.spec(), *self.grid.options()) {
+            *self = self.with_grid(grid);
+        }
+        self.names = self.names_from(sample);
+        self.first = Some(Box::new(*sample));
     }
 
     /// Returns quantity and unit of the map from a sample.
@@ -247,6 +265,22 @@ mod tests {
         }
         map.grid_mut().refresh_all();
         map
+    }
+
+    #[test]
+    fn another_quantity_or_unit_begins_another_map() {
+        let mut map = map_of(&[0.8]);
+        let (samples, before) = (map.grid().counts().inside, map.value(10, 10).unwrap().0);
+        let mut sample = Sample { count: 1, position_m: [0.21, 0.21, 0.8], ..Sample::default() };
+        (sample.value[0], sample.value[1]) = (300.0, 4.0);
+        put_text(&mut sample.unit, "K");
+        map.add(&sample);
+        assert_eq!((map.grid().counts().inside, map.names()[1].as_str()), (1, "K"));
+        assert!(samples == 2000 && before < 4.0, "{samples} {before}");
+        // Another value has another unit.
+        put_text(&mut sample.unit, "K,m");
+        map.add(&sample);
+        assert_eq!(map.grid().counts().inside, 2);
     }
 
     #[test]

@@ -147,6 +147,12 @@ impl Quality {
         }
     }
 
+    /// Judges the silence since the last value at the end of a record.
+    pub fn close(&mut self, end_ns: u64, found: &mut impl FnMut(Place)) {
+        let Some((last_ns, _)) = self.last[1] else { return };
+        self.silent(seconds(end_ns.saturating_sub(last_ns)), found);
+    }
+
     fn is_gap(&self, interval_s: f64) -> bool {
         self.samples > LEARNED && interval_s > GAP_S.max(GAP * self.interval_s)
     }
@@ -261,6 +267,14 @@ mod tests {
         assert!((0.5..0.55).contains(&size) && (whole - 5.1).abs() < 1e-9, "{found:?}");
         let gaps = judged(|at| (at < 300).then(|| noise(at))).0.tally(Doubt::Gap);
         assert_eq!(gaps.count, 1, "a sensor that stays silent");
+        // In a record nothing judges the silence while it lasts.
+        let mut quality = Quality::new(None);
+        (0..30).for_each(|at| quality.add(1_000_000_000 * at, noise(at as u32), &mut |_| ()));
+        quality.close(30_000_000_000, &mut |_| ());
+        assert_eq!(quality.tally(Doubt::Gap), Tally::default());
+        quality.close(50_000_000_000, &mut |_| ());
+        let wanted = Tally { count: 1, first_ns: Some(29_000_000_000), largest: 21.0 };
+        assert_eq!(quality.tally(Doubt::Gap), wanted);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What a map and its files need to know of all samples of a sensor before the first one is added.
 
+use super::kinds::sensor_of;
 use super::merge::Origin;
 use georeference::{LoggerConfig, Plane, SensorMap};
 use messages::Sample;
@@ -91,7 +92,7 @@ impl Extent {
 
 /// Returns the empty map of one cell of a sensor.
 fn whole(config: &LoggerConfig, name: &str) -> Option<SensorMap> {
-    let sensor = config.sensor(name)?;
+    let sensor = config.sensor(sensor_of(name))?;
     let grid = GridMap::new(EVERYWHERE, config.options(&sensor, EVERYWHERE.cell_m)).ok()?;
     Some(SensorMap::new(config, &sensor, 1).ok()??.with_grid(grid))
 }

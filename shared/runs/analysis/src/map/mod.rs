@@ -7,6 +7,7 @@ mod extent;
 mod files;
 mod flown;
 mod globe;
+mod kinds;
 mod merge;
 mod netcdf;
 mod read;
@@ -15,6 +16,7 @@ mod samples;
 pub use contour::{contours, levels};
 use extent::Extent;
 use globe::Globe;
+use kinds::{file_name, sensor_of};
 use read::{Flown, Wanted, read_samples};
 pub use read::{logger_config, sensor_settings};
 use samples::SampleFiles;
@@ -90,7 +92,7 @@ pub fn run(args: &Args) -> Answer<Output> {
     let globe = robot.site.as_ref().map(Globe::new);
     override_settings(&mut config, args);
     let chosen = |name: &str, sample: &Sample| {
-        (args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == name))
+        (args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == sensor_of(name)))
             .then(|| is_between(args, config.plane.across(sample.position_m)))
     };
     let wanted = if args.recompute { Wanted::Computed } else { Wanted::All };
@@ -104,7 +106,10 @@ pub fn run(args: &Args) -> Answer<Output> {
     let mut mapped = BTreeMap::new();
     for (name, extent) in &extents {
         let begun = match empty_map(&config, name, extent, args.cell, args.reach) {
-            Ok(map) => Ok(Mapped { map, files: SampleFiles::create(&folder, name, extent, &time, globe.as_ref())? }),
+            Ok(map) => {
+                let files = SampleFiles::create(&folder, &file_name(name), extent, &time, globe.as_ref())?;
+                Ok(Mapped { map, files })
+            }
             Err(why) => Err(why),
         };
         mapped.insert(name.clone(), begun);
@@ -121,9 +126,10 @@ pub fn run(args: &Args) -> Answer<Output> {
             Ok(Mapped { mut map, files }) => {
                 map.grid_mut().refresh_all();
                 let (extent, globe) = (&extents[&name], globe.as_ref());
-                let mut written = files::write(&folder, &name, &map, flown.path.points(), globe)?;
+                let file = file_name(&name);
+                let mut written = files::write(&folder, &file, &map, flown.path.points(), globe)?;
                 written.extend(files.finish()?);
-                written.push(netcdf::write(&folder, &name, &map, extent, &time, globe)?);
+                written.push(netcdf::write(&folder, &file, &map, extent, &time, globe)?);
                 let (value, sentence) = describe(&name, &map, extent, &written);
                 values.push(value);
                 words.push(sentence);
@@ -134,6 +140,9 @@ pub fn run(args: &Args) -> Answer<Output> {
     if values.is_empty() {
         let why = if words.is_empty() { "no reading of a sensor got a position".to_owned() } else { words.join("; ") };
         return Err(Failure::NotNow(format!("{} has no data for a map: {why}", args.run.display())));
+    }
+    if flown.left_out > 0 {
+        words.push(format!("{} samples are left out: their sensors have too many quantities", flown.left_out));
     }
     words.push(format!("files in {}", folder.display()));
     Ok(Output::new(json!({ "run": args.run, "folder": folder, "maps": values }), words.join("\n")))
@@ -204,7 +213,7 @@ fn empty_map(
     cell_m: Option<f64>,
     reach_m: Option<f64>,
 ) -> Result<SensorMap, String> {
-    let sensor = config.sensor(name).ok_or("the system file excludes it")?;
+    let sensor = config.sensor(sensor_of(name)).ok_or("the system file excludes it")?;
     let Some(empty) = SensorMap::new(config, &sensor, 1).map_err(|error| error.to_string())? else {
         return Err("its `map_value` is 0".to_owned());
     };

@@ -2,6 +2,7 @@
 //! readings.
 
 use super::flown::FlownPath;
+use super::kinds::Kinds;
 use super::merge::{Merge, Origin};
 use crate::report::load_robot_file;
 use crate::runs::progress;
@@ -112,11 +113,13 @@ pub(super) struct Flown {
     pub sensors: Vec<String>,
     /// Number of samples of all channels.
     pub read: u64,
+    /// Number of samples of sensors that are left out, because their sensor has too many quantities.
+    pub left_out: u64,
 }
 
-/// Passes the wanted samples of every sensor to `take` as name, origin and sample, those of a sensor in the order of
-/// their times, in memory that does not grow with the run. Reads no more than `most` samples of all channels, so that
-/// a run that is still being recorded can be read twice.
+/// Passes the wanted samples of every sensor to `take` as name of the kind ([`Kinds`]), origin and sample, those of a
+/// sensor in the order of their times, in memory that does not grow with the run. Reads no more than `most` samples of
+/// all channels, so that a run that is still being recorded can be read twice.
 ///
 /// # Errors
 /// The run cannot be read.
@@ -129,15 +132,22 @@ pub(super) fn read_samples(
 ) -> Answer<Flown> {
     let mut reader = RunReader::open(run)?;
     let mut show = progress("reading");
+    let mut kinds = Kinds::default();
+    let take = &mut |sensor: &str, origin: Origin, sample: &Sample| {
+        if let Some(kind) = kinds.name_of(sensor, sample) {
+            take(kind, origin, sample);
+        }
+    };
     let mut samples = SampleReader {
         config,
         logger: Logger::new(config).map_err(Failure::not_now)?,
         numbers: HashMap::new(),
+        decoded: Vec::new(),
         names: Vec::new(),
         wanted,
         waiting: Vec::new(),
         now_ns: 0,
-        flown: Flown { path: FlownPath::new(), sensors: Vec::new(), read: 0 },
+        flown: Flown { path: FlownPath::new(), sensors: Vec::new(), read: 0, left_out: 0 },
     };
     while samples.flown.read < most {
         if samples.flown.read.is_multiple_of(4096) {
@@ -150,7 +160,7 @@ pub(super) fn read_samples(
     show(reader.bytes(), reader.bytes());
     samples.emit(u64::MAX, take);
     samples.release(u64::MAX, take);
-    Ok(samples.flown)
+    Ok(Flown { left_out: kinds.left_out, ..samples.flown })
 }
 
 /// The logger with the channels of a run.
@@ -159,6 +169,8 @@ struct SampleReader<'a> {
     logger: Logger,
     /// Index of a channel's sensor in the logger by channel index; `None` if the channel cannot be used.
     numbers: HashMap<usize, Option<usize>>,
+    /// Index of the channel whose type each sensor of the logger decodes.
+    decoded: Vec<usize>,
     names: Vec<String>,
     wanted: Wanted,
     /// Of each sensor, by name.
@@ -193,13 +205,18 @@ impl SampleReader<'_> {
                 }
             }
         } else if let Some(name) = channel.strip_prefix("sensor/") {
-            if !self.numbers.contains_key(&recorded.index) {
+            let known = self.numbers.get(&recorded.index).copied();
+            // Meanwhile the sensor may have had another type.
+            let is_decoded =
+                |number: &Option<usize>| number.is_none_or(|number| self.decoded.get(number) == Some(&recorded.index));
+            let number = known.filter(is_decoded).unwrap_or_else(|| {
                 add_name(&mut self.flown.sensors, name);
                 let number = self.sensor(name, recorded);
                 self.numbers.insert(recorded.index, number);
-            }
-            if let Some(Some(number)) = self.numbers.get(&recorded.index) {
-                self.logger.reading(*number, recorded.sample, self.now_ns);
+                number
+            });
+            if let Some(number) = number {
+                self.logger.reading(number, recorded.sample, self.now_ns);
             }
         }
     }
@@ -211,7 +228,9 @@ impl SampleReader<'_> {
         let number = self.logger.sensor(name, &config, decoder);
         if number == self.names.len() {
             self.names.push(name.to_owned());
+            self.decoded.push(recorded.index);
         }
+        self.decoded[number] = recorded.index;
         Some(number)
     }
 

@@ -299,6 +299,8 @@ pub(super) fn blank() -> RunData {
 struct Collector {
     time: RunTime,
     last_s: f64,
+    /// Time of the last cycle, s.
+    cycle_s: Option<f64>,
     tally: AccuracySum,
     count: PeriodCounter,
     path: DecimatedPoints<PathPoint>,
@@ -349,6 +351,7 @@ impl Collector {
         Ok(Self {
             time: RunTime::default(),
             last_s: 0.0,
+            cycle_s: None,
             tally: AccuracySum::default(),
             count: PeriodCounter::default(),
             path: DecimatedPoints::default(),
@@ -374,6 +377,7 @@ impl Collector {
     fn cycle(&mut self, cycle: &Cycle<'_>) {
         let authority = cycle.authority;
         let time_s = self.time_s(authority.header.stamp_ns);
+        self.cycle_s = Some(time_s);
         let count = usize::from(authority.cable_count).min(CABLES);
         while self.data.cables.len() < count {
             self.data.cables.push(CableData::new());
@@ -548,6 +552,11 @@ impl Collector {
         data.analysis = self.tally.result(Vec::new(), data.periods);
         data.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
         data.end_reason = crate::runs::end_reason(run);
+        // At the end of a run its sensors may end before the recorder.
+        let stopping_s =
+            crate::runs::stopping_unix_ns(run).zip(self.begin_ns).map(|(at, begin)| seconds_since(at, begin));
+        let ends = self.cycle_s.into_iter().chain(stopping_s);
+        data.sensors.close(ends.fold(self.last_s, f64::min));
         data.recording = recording;
         data.robot = robot;
         data.events.close();

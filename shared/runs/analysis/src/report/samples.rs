@@ -24,14 +24,15 @@ pub struct Sensor {
     numbers: Vec<usize>,
     /// Flags of each of these values.
     quality: Vec<Quality>,
-    /// Position of the node, m, and the first value.
+    /// Position of the node, m, and the value that is the first of [`Sensor::values`].
     pub places: DecimatedPoints<([f64; 3], f64)>,
     /// Number of samples.
     pub samples: u64,
     /// Number of samples marked as doubtful or stale.
     pub doubtful: u64,
-    /// Of a custom type: its values, each with its number among all values.
-    fields: Option<Vec<(usize, SchemaField)>>,
+    /// Of a custom type: its values, each with its number among all values. By the index of the channel, because a
+    /// sensor may have another type after its recorder was restarted.
+    fields: BTreeMap<usize, Vec<(usize, SchemaField)>>,
     /// Its entry in the system file.
     settings: LoggedSensorSection,
 }
@@ -108,6 +109,14 @@ impl Sensors {
         &self.channels
     }
 
+    /// Judges the silence of each sensor at the end of the run, s since its start: one that did not speak again has no
+    /// later reading that shows it.
+    pub fn close(&mut self, end_s: f64) {
+        let end_ns = (end_s.max(0.0) * 1e9).round() as u64;
+        let all = self.channels.values_mut().flat_map(|sensor| &mut sensor.quality);
+        all.for_each(|quality| quality.close(end_ns, &mut |_| ()));
+    }
+
     /// Records the position of the node.
     pub fn node_at(&mut self, estimate: &NodeEstimate) {
         if self.recent.len() == MAX_ESTIMATES {
@@ -144,7 +153,7 @@ impl Sensors {
             places: DecimatedPoints::default(),
             samples: 0,
             doubtful: 0,
-            fields: None,
+            fields: BTreeMap::new(),
         });
         sensor.samples += 1;
         // What a driver repeats is no new value, as for the sensor logger.
@@ -162,9 +171,6 @@ impl Sensors {
         } else {
             sensor.fields(recorded)
         };
-        if let (Some(place), Some((.., value))) = (place, values.first()) {
-            sensor.places.add((place, *value));
-        }
         for (index, name, value) in values {
             // Two values may have one name, and another driver may give a value another name.
             let mut known = sensor.values.iter().zip(&sensor.numbers);
@@ -178,6 +184,9 @@ impl Sensors {
                 }
                 None => continue,
             };
+            if let (0, Some(place)) = (at, place) {
+                sensor.places.add((place, value));
+            }
             sensor.values[at].1.add(time_s, value);
             sensor.quality[at].add((time_s.max(0.0) * 1e9).round() as u64, value, &mut |_| ());
         }
@@ -229,7 +238,7 @@ impl Sensor {
     /// Returns the first values of a custom type, as the sensor logger picks them, without arrays: each with its number
     /// among all values.
     fn fields(&mut self, recorded: &RecordedSample<'_>) -> Vec<(usize, String, f64)> {
-        if self.fields.is_none() {
+        if !self.fields.contains_key(&recorded.index) {
             let Ok(schema) = Schema::parse(&recorded.channel.schema) else { return Vec::new() };
             let fields = value_fields(&schema, &self.settings.fields).or_else(|_| value_fields(&schema, &[]));
             let mut index = 0;
@@ -238,10 +247,11 @@ impl Sensor {
                 index += field.count.unwrap_or(1);
                 (own, field)
             });
-            self.fields = Some(numbered.filter(|(_, field)| field.count.is_none()).take(MAX_VALUES).collect());
+            let scalars = numbered.filter(|(_, field)| field.count.is_none()).take(MAX_VALUES).collect();
+            self.fields.insert(recorded.index, scalars);
         }
         let value = |field: &SchemaField| Some(Value::read(field, recorded.sample)?.number()?.as_f64());
-        let fields = self.fields.iter().flatten();
+        let fields = self.fields.get(&recorded.index).into_iter().flatten();
         fields.filter_map(|(index, field)| Some((*index, field.path.clone(), value(field)?))).collect()
     }
 }
