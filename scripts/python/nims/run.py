@@ -83,7 +83,8 @@ class Run(_Run):  # type: ignore[misc]
         # It contains the rate of the plan clock.
         moves = np.linalg.norm(status["setpoint_velocity_m_s"], axis=1) > MOVING_M_S
         counts, legs = moves & (status["valid"] == 1), []
-        # That of the setpoint: motor-io still names the last segment in the cycle in which the next one begins. 0: no answer.
+        # That of the setpoint: motor-io still names the last segment in the cycle in which the next one begins.
+        # 0: no answer.
         segments = np.where(status["segment"] != 0, status["segment"], authority["segment"])
         keys = [authority["header"]["life"], authority["epoch"], authority["motion"], segments]
         for first, last in _stretches(*keys):

@@ -142,8 +142,8 @@ fn custom_format(config: &SensorConfig, schema: &str, size: usize) -> Result<For
     Ok(Format::Custom { fields, size, empty: Box::new(empty) })
 }
 
-/// Returns the name of each value as [`messages::name_at`] reads it: the numbers of an array are counted, and names that
-/// do not fit are left out, because a part of a name is another one.
+/// Returns the name of each value as [`messages::name_at`] reads it: the numbers of an array are counted, and names
+/// that do not fit are left out, because a part of a name is another one.
 fn value_names(fields: &[SchemaField], room: usize) -> String {
     let of_field = |field: &SchemaField| match field.count {
         Some(count) if fields.len() > 1 => {
