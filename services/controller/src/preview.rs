@@ -38,6 +38,9 @@ const GOOD_ENOUGH: f64 = 0.1;
 /// Largest relative deviation of a reading interval from the period; with a larger one the machine has stalled.
 const JITTER: f64 = 0.3;
 
+/// Speed from which a change of length is no motion but a set length, m/s: the largest limit of a robot file.
+const FASTEST_M_S: f64 = 10.0;
+
 /// Settings of the preview law.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PreviewSettings {
@@ -309,7 +312,8 @@ impl Preview {
                 && (0..n).all(|i| {
                     let passed_s = state.sampled_ns[i].saturating_sub(last.sampled_ns[i]) as f64 * 1e-9;
                     let moved_m = state.length_m[i] - last.length_m[i];
-                    state.fresh[i] == 1 && (passed_s - period_s).abs() <= JITTER * period_s && moved_m.abs() < 0.1
+                    let moves = moved_m.abs() < FASTEST_M_S * period_s;
+                    state.fresh[i] == 1 && (passed_s - period_s).abs() <= JITTER * period_s && moves
                 })
         };
         match last.filter(good) {

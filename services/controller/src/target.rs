@@ -38,8 +38,9 @@ impl CurrentMotion {
         });
         if !orphaned {
             let message = message?;
-            if current.is_none_or(|current| (current.beat, current.number) != (message.beat, message.motion)) {
-                let (beat, number, epoch) = (message.beat, message.motion, message.epoch);
+            // A restarted planner counts beats and motions from the beginning.
+            let (beat, number, epoch) = (message.beat, message.motion, message.epoch);
+            if current.is_none_or(|is| (is.beat, is.number, is.epoch) != (beat, number, epoch)) {
                 *current = Some(Self { beat, number, epoch, motion: motion_of(message) });
             }
         }

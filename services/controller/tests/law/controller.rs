@@ -4,8 +4,8 @@ use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{CableVec, Jacobian, NodeJacobian, Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
 use config::{ControlLaw, ControllerSection};
-use controller::{CableLaw, Controller, ControllerConfig, Inputs, Law, LawError, LawInput};
-use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion};
+use controller::{CableLaw, Controller, ControllerConfig, Inputs, Law, LawError, LawInput, Notice};
+use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion};
 use proptest::prelude::*;
 use segments::segment_message;
 
@@ -161,6 +161,19 @@ fn a_motion_continues_without_its_planner_while_the_epoch_is_valid() {
     assert_eq!(step(&mut controller, &is, Some(&none), &stopped).segment, 0);
     let at_rest = MotorAuthority { motion: 0, ..under_way };
     assert_eq!(step(&mut controller, &is, Some(&none), &at_rest).segment, 0);
+}
+
+/// A restarted planner counts beats and motions from the beginning, and may offer another motion with the same numbers.
+#[test]
+fn the_motion_of_another_epoch_is_not_followed_for_its_numbers() {
+    let robot = robot(3);
+    let (motion, mut controller) = (motion(), controller(robot));
+    let is = estimate(&robot, 8, from());
+    assert_eq!(step(&mut controller, &is, Some(&motion), &authority(8, 1.5)).segment, 5);
+    let mut another = PlanMotion { epoch: 5, ..motion };
+    another.current.id = 6;
+    let later = MotorAuthority { epoch: 5, ..authority(8, 1.5) };
+    assert_eq!(step(&mut controller, &is, Some(&another), &later).segment, 6);
 }
 
 #[test]
@@ -457,5 +470,43 @@ proptest! {
             prop_assert!(command.velocity_m_s.iter().all(|v| v.is_finite() && v.abs() <= LIMIT_M_S));
             plan.beat += 1;
         }
+    }
+}
+
+/// Cables faster than 1 m/s move by more than 10 cm in a cycle of 10 Hz: their model must be compared too.
+#[test]
+fn a_wrong_model_of_fast_cables_is_found_at_every_rate() {
+    let section = ControllerSection {
+        law: ControlLaw::Preview,
+        drive_lag_s: Some([0.05, 0.05]),
+        identify: false,
+        ..ControllerSection::default()
+    };
+    let robot = robot(3);
+    for period_s in [0.01, 0.1] {
+        let mut controller = Controller::new(config(robot, Law::from_section(&section).unwrap()));
+        let (mut length_m, mut found) = ([5.0; 8], false);
+        for cycle in 1..(10.0 / period_s) as u64 {
+            // The drives follow 0.4 s late.
+            let command_m_s = |time_s: f64| if time_s.rem_euclid(2.0) < 1.0 { 1.2 } else { -1.6 };
+            let now_s = cycle as f64 * period_s;
+            let header = Header { cycle, seq: cycle, ..Header::at((now_s * 1e9).round() as u64) };
+            length_m = length_m.map(|length_m| length_m + command_m_s(now_s - 0.4) * period_s);
+            let state = MotorState {
+                header,
+                length_m,
+                command_m_s: [command_m_s(now_s); 8],
+                sampled_ns: [header.stamp_ns; 8],
+                fresh: [1; 8],
+                cable_count: 3,
+                ..MotorState::default()
+            };
+            let authority = MotorAuthority { header, period_s, ..authority(cycle, 0.0) };
+            let estimate = NodeEstimate { header, ..estimate(&robot, cycle, from()) };
+            let (authority, state) = (Some(&authority), Some(&state));
+            controller.step(&Inputs { estimates: [Some(&estimate), None], motion: None, authority, state });
+            found |= matches!(controller.notice(), Some(Notice::Misfit { .. }));
+        }
+        assert!(found, "{period_s} s");
     }
 }
