@@ -5,7 +5,7 @@ use messages::FieldMap;
 use survey::adaptive::{KnownCell, KnownField, PatchOptions, patches};
 use survey::grid::GridSpec;
 
-use crate::plan::Plan;
+use crate::plan::{Plan, PlanError, SHORTEST_S};
 use crate::scan::{Adaptive, ScanError, merit, over_patches};
 use mission::{Dwell, Leg, MAX_POINTS, Mission, Polyline};
 
@@ -16,6 +16,36 @@ pub fn split(mission: &Mission) -> (Mission, Option<Mission>) {
     };
     let of = |leg: &[Leg]| Mission { leg: leg.to_vec(), ..mission.clone() };
     (of(&mission.leg[..at]), Some(of(&mission.leg[at..])))
+}
+
+/// Plans the part of a mission before an adaptive leg by `plan`; returns the plan and its mission. A node that is at the
+/// end of the part already waits there for the map, instead of an end of the mission.
+///
+/// # Errors
+/// The error of `plan`.
+pub fn planned(
+    part: Mission,
+    left: Option<&Mission>,
+    plan: impl Fn(&Mission) -> Result<Plan, PlanError>,
+) -> Result<(Plan, Mission), PlanError> {
+    match plan(&part) {
+        Err(PlanError::AlreadyThere) if left.is_some() => {
+            let stay = staying(&part);
+            plan(&stay).map(|plan| (plan, stay))
+        }
+        planned => planned.map(|plan| (plan, part)),
+    }
+}
+
+/// Returns a part with as many legs in which the node only stays for the shortest time.
+#[must_use]
+pub fn staying(part: &Mission) -> Mission {
+    let stay = |duration_s| Leg::Dwell(Dwell { duration_s });
+    let mut leg = vec![stay(0.0); part.leg.len()];
+    if let Some(last) = leg.last_mut() {
+        *last = stay(SHORTEST_S);
+    }
+    Mission { leg, ..part.clone() }
 }
 
 /// Returns the known field of a valid map. Cells under the path of the plan count as sampled.

@@ -39,8 +39,10 @@ pub(crate) struct Flight {
     /// Completed share of the mission, 0 to 1, as last published. It never decreases, although a second look may take
     /// longer than its bound and a continued mission begins with the way back.
     pub share: f64,
-    /// The same part of the mission from its beginning.
+    /// The paths of this part and of those before it, for the maps of them.
     pub whole: Plan,
+    /// The whole part was flown before: the node only waits for a map, and the stored point of the path stays.
+    pub flown: bool,
     /// Rest of the mission, beginning with an adaptive leg; its bound; number of legs before this part.
     pub left: Option<Mission>,
     pub later: LaterCost,
@@ -75,6 +77,7 @@ impl Flight {
             before_s: 0.0,
             share: 0.0,
             whole,
+            flown: false,
             left: None,
             later: LaterCost::default(),
             legs_before: 0,

@@ -13,7 +13,7 @@ use segments::segment_message;
 use crate::adaptive;
 use crate::flight::{Flight, LaterCost};
 use crate::inputs::Inputs;
-use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
+use crate::plan::{Plan, PlanError, PlannerConfig};
 use crate::progress::Progress;
 use crate::refusal::Refusal;
 use crate::stopped::{not_taken_up, stopped_by};
@@ -54,6 +54,8 @@ pub struct Planner {
     /// The newest valid estimate, and the epoch in which it arrived.
     valid: Option<(NodeEstimate, u32)>,
     progress: Option<Progress>,
+    /// The progress that the last mission replaced, until another request; `None`: it replaced nothing.
+    replaced: Option<Option<Progress>>,
     /// The lengths as they were set, m, as bits.
     zeroed: [u64; CABLES],
 }
@@ -72,6 +74,7 @@ impl Planner {
             status: PlanStatus::default(),
             valid: None,
             progress: None,
+            replaced: None,
             zeroed: [f64::NAN.to_bits(); CABLES],
         }
     }
@@ -157,10 +160,14 @@ impl Planner {
         self.answered(mission, result)
     }
 
-    /// Withdraws a motion that was planned and not offered yet; returns the answer.
+    /// Withdraws a motion that was planned and not offered yet, so that the mission before can still be continued;
+    /// returns the answer.
     pub fn take_back(&mut self) -> Reason {
         let reason = Reason::RequesterTimedOut;
         self.flight = None;
+        if let Some(before) = self.replaced.take() {
+            self.progress = before;
+        }
         self.status.state = PlanStatus::STATE_REFUSED;
         self.status.put_reason(&reason.answer());
         reason
@@ -187,10 +194,13 @@ impl Planner {
         // The whole mission can be flown, with the whole area of each adaptive leg.
         let all = Plan::new(&mission, &self.config, start, authority.plan_time_s, self.next_id)?;
         let (first, left) = adaptive::split(&mission);
-        let plan = match &left {
-            None => all.clone(),
-            Some(_) => Plan::new(&first, &self.config, start, authority.plan_time_s, self.next_id)?,
+        let (plan, first) = match &left {
+            None => (all.clone(), first),
+            Some(_) => adaptive::planned(first, left.as_ref(), |part| {
+                Plan::new(part, &self.config, start, authority.plan_time_s, self.next_id)
+            })?,
         };
+        self.replaced = None;
         if kept {
             let at_m = estimate.position_m;
             let stage = left.is_some().then_some(first);
@@ -198,8 +208,10 @@ impl Planner {
             let (mission, left) = (mission.clone(), left.clone());
             let (flown_s, share) = (0.0, 0.0);
             let start_m = at_m;
-            self.progress =
-                Some(Progress { start_m, segment, along, at_m, done, flown_s, share, mission, stage, left });
+            let before = None;
+            let progress =
+                Progress { start_m, segment, along, at_m, done, flown_s, share, mission, stage, left, before };
+            self.replaced = Some(self.progress.replace(progress));
         }
         let later = match left {
             Some(_) => LaterCost::between(&all, &plan, &self.config),
@@ -223,6 +235,7 @@ impl Planner {
             return refuse(Reason::MissionDone { mission: named() });
         }
         let (authority, estimate) = self.ready(seen)?;
+        self.replaced = None;
         let stage = progress.stage.as_ref().unwrap_or(mission);
         let whole = Plan::new(stage, &self.config, Vector3::from(progress.start_m), 0.0, 1)?;
         let mark = progress.mark();
@@ -234,22 +247,26 @@ impl Planner {
         let in_segment_s = if dwells { mark.along } else { segment.profile.time_at(mark.along) };
         let before_s = progress.flown_s + segment.start_s + in_segment_s;
         let here = Vector3::from(estimate.position_m);
-        let plan = match whole.rest(stage, &self.config, mark, here, authority.plan_time_s, self.next_id) {
+        let rest = whole.rest(stage, &self.config, mark, here, authority.plan_time_s, self.next_id);
+        let done = rest == Err(PlanError::AlreadyThere);
+        let plan = match &progress.left {
             // Only the map is missing: the robot waits for it at rest.
-            Err(PlanError::AlreadyThere) if progress.left.is_some() => {
-                let stay = Leg::Dwell(mission::Dwell { duration_s: SHORTEST_S });
-                let stay = Mission { leg: vec![stay], ..mission.clone() };
+            Some(_) if done => {
+                let stay = adaptive::staying(stage);
                 Plan::new(&stay, &self.config, here, authority.plan_time_s, self.next_id)?
             }
-            Err(PlanError::AlreadyThere) => {
-                return refuse(Reason::MissionDone { mission: named() });
-            }
-            plan => plan?,
+            None if done => return refuse(Reason::MissionDone { mission: named() }),
+            _ => rest?,
         };
         let later = match &progress.left {
             Some(left) => LaterCost::from_plan(&Plan::new(left, &self.config, whole.end(), 0.0, 1)?, &self.config),
             None => LaterCost::default(),
         };
+        let mut flown = whole;
+        if let Some(before) = &progress.before {
+            let before = Plan::new(&before.mission, &self.config, before.start_m.into(), 0.0, 1)?;
+            flown.segments.extend(before.segments);
+        }
         let legs_left = stage.leg.len() + progress.left.as_ref().map_or(0, |left| left.leg.len());
         let legs_before = mission.leg.len().saturating_sub(legs_left) as u32;
         let flight = Flight {
@@ -258,7 +275,8 @@ impl Planner {
             later,
             left: progress.left,
             legs_before,
-            ..Flight::new(name.clone(), plan, whole, true, authority, seen)
+            flown: done,
+            ..Flight::new(name.clone(), plan, flown, true, authority, seen)
         };
         Ok(self.offer(flight, true))
     }
@@ -392,12 +410,15 @@ impl Planner {
         let legs_before = flight.legs_before + flight.plan.leg_count;
         let (name, mission) = (flight.name.clone(), flight.mission);
         let (flown_s, share) = (flight.flown_s(f64::INFINITY), flight.share);
+        let mut whole = flight.whole.clone();
         let planned = adaptive::resolved(left, &known, start)
             .map_err(|error| PlanError::Scan { leg: legs_before as usize + 1, error })
             .and_then(|resolved| {
                 let (first, left) = adaptive::split(&resolved);
-                let at_s = authority.plan_time_s;
-                Plan::new(&first, &self.config, start, at_s, self.next_id).map(|plan| (plan, first, left))
+                let (plan, first) = adaptive::planned(first, left.as_ref(), |part| {
+                    Plan::new(part, &self.config, start, authority.plan_time_s, self.next_id)
+                })?;
+                Ok((plan, first, left))
             });
         match planned {
             Ok((plan, first, left)) => {
@@ -406,11 +427,10 @@ impl Planner {
                     .and_then(Result::ok)
                     .map_or(LaterCost::default(), |plan| LaterCost::from_plan(&plan, &self.config));
                 if let Some(progress) = &mut self.progress {
-                    (progress.start_m, progress.at_m) = (start.into(), start.into());
-                    (progress.segment, progress.along, progress.flown_s) = (0, 0.0, flown_s);
-                    (progress.stage, progress.left) = (Some(first), left.clone());
+                    progress.begin_part(start.into(), flown_s, first, left.clone());
                 }
-                let flight = Flight::new(name, plan.clone(), plan, true, authority, seen);
+                whole.segments.extend_from_slice(&plan.segments);
+                let flight = Flight::new(name, plan, whole, true, authority, seen);
                 let flight = Flight { before_s: flown_s, share, later, left, legs_before, mission, ..flight };
                 self.offer(flight, true);
             }
@@ -448,8 +468,10 @@ impl Planner {
             && authority.epoch == flight.epoch
             && let Some(progress) = &mut self.progress
         {
-            let (mark, at) = flight.plan.reached(time_s);
-            (progress.segment, progress.along, progress.at_m) = (mark.segment, mark.along, at.into());
+            if !flight.flown {
+                let (mark, at) = flight.plan.reached(time_s);
+                (progress.segment, progress.along, progress.at_m) = (mark.segment, mark.along, at.into());
+            }
             progress.share = flight.share;
         }
         status.leg = flight.legs_before + flight.plan.legs[flight.current];
@@ -457,6 +479,9 @@ impl Planner {
         status.time_left_s = ((end_s - time_s).max(0.0) + flight.later.time_s) / if rate > 0.0 { rate } else { 1.0 };
         let ours = authority.motion == flight.motion;
         flight.taken_up |= ours && authority.mode == MotorAuthority::MODE_FOLLOWING;
+        if flight.taken_up || time_s > flight.plan.start_s() {
+            self.replaced = None;
+        }
         let moving = matches!(authority.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_STOPPING);
         let over = if (authority.header.life, authority.epoch) != (flight.life, flight.epoch) {
             Some(Err(stopped_by(authority, flight.life)))
@@ -486,13 +511,24 @@ impl Planner {
             None
         };
         if let Some(end) = over {
-            status.state = if end.is_ok() { PlanStatus::STATE_DONE } else { PlanStatus::STATE_ABORTED };
-            status.time_left_s = 0.0;
-            status.put_reason(&end.err().map(|reason| reason.answer()).unwrap_or_default());
-            if let Some(progress) = self.progress.as_mut().filter(|_| flight.kept) {
-                progress.done = status.state == PlanStatus::STATE_DONE;
+            self.end(end);
+        }
+    }
+
+    /// Ends the mission, as done or for a reason. One that never began to move leaves the place to the one before it.
+    fn end(&mut self, end: Result<(), Reason>) {
+        let (status, done) = (&mut self.status, end.is_ok());
+        status.state = if done { PlanStatus::STATE_DONE } else { PlanStatus::STATE_ABORTED };
+        status.time_left_s = 0.0;
+        status.put_reason(&end.err().map(|reason| reason.answer()).unwrap_or_default());
+        let kept = self.flight.take().is_some_and(|flight| flight.kept);
+        match self.replaced.take() {
+            Some(before) if !done => self.progress = before,
+            _ => {
+                if let Some(progress) = self.progress.as_mut().filter(|_| kept) {
+                    progress.done = done;
+                }
             }
-            self.flight = None;
         }
     }
 }

@@ -48,6 +48,18 @@ pub struct Progress {
     /// The rest after that part, beginning with an adaptive leg.
     #[serde(default)]
     pub left: Option<Mission>,
+    /// The parts before the present one, if a map is still to come: their paths say where it has samples.
+    #[serde(default)]
+    pub before: Option<FlownParts>,
+}
+
+/// Parts of a mission that were flown, with their adaptive legs resolved.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FlownParts {
+    /// Position of the node at their start, m.
+    pub start_m: [f64; 3],
+    /// Their legs.
+    pub mission: Mission,
 }
 
 impl Progress {
@@ -55,6 +67,20 @@ impl Progress {
     #[must_use]
     pub fn mark(&self) -> Mark {
         Mark { segment: self.segment, along: self.along }
+    }
+
+    /// Begins the next part at a position, m, after `flown_s` seconds of the mission.
+    pub(crate) fn begin_part(&mut self, at_m: [f64; 3], flown_s: f64, stage: Mission, left: Option<Mission>) {
+        let flown = self.stage.replace(stage).filter(|_| left.is_some());
+        self.before = flown.map(|flown| match self.before.take() {
+            Some(mut before) => {
+                before.mission.leg.extend(flown.leg);
+                before
+            }
+            None => FlownParts { start_m: self.start_m, mission: flown },
+        });
+        (self.start_m, self.at_m) = (at_m, at_m);
+        (self.segment, self.along, self.flown_s, self.left) = (0, 0.0, flown_s, left);
     }
 
     /// Reads the progress of the system `name` from `folder`; `None` if no mission was begun.
@@ -190,6 +216,7 @@ mod tests {
             flown_s: 12.5,
             share: 1.0 / 7.0,
             left: None,
+            before: None,
             stage: mission.clone().ok(),
             mission: mission.unwrap(),
         }

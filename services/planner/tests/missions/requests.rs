@@ -1,6 +1,6 @@
 //! Requests to the planner and its answers.
 
-use crate::world::{World, config};
+use crate::world::{World, config, three_lines};
 use messages::{DecodeError, GotoPath, MotorAuthority, OperatorRequest, PlanStatus, Request};
 use planner::{Planner, requests};
 use robot_state::Reason;
@@ -81,4 +81,34 @@ fn requests_are_answered() {
         assert!(matches!(reason, Reason::RobotDisarmed | Reason::AlreadyThere), "{reason:?}");
         assert_eq!(reason.accepted(), OperatorRequest::REFUSED);
     }
+}
+
+/// Neither a mission whose requester has timed out nor one that motor-io does not take up replaces the one before it.
+#[test]
+fn a_mission_that_never_moves_leaves_the_one_before_it_to_be_continued() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = "name = \"short\"\n[[leg]]\nline = { to_m = [4.9, 3.0, 0.4] }\n";
+    let hash = config::store_mission(folder.path(), short).unwrap();
+    let run = Request::Run { mission: "any".to_owned(), hash, continues: false }.encode().unwrap();
+    let (mut world, mut planner) = (World::ready(), Planner::new(config()));
+    planner.run(&three_lines(), &world.seen()).unwrap();
+    let (motion, _) = planner.step(&world.seen());
+    for time_s in [4.0, 4.5] {
+        world.follow(&motion, time_s);
+        planner.step(&world.seen());
+    }
+    world.authority = MotorAuthority { mode: MotorAuthority::MODE_HOLDING, motion: 0, epoch: 7, ..world.authority };
+    assert_eq!(planner.step(&world.seen()).1.state, PlanStatus::STATE_ABORTED);
+    let begun = planner.progress().cloned();
+    assert!(begun.as_ref().is_some_and(|progress| progress.along > 0.05), "{begun:?}");
+    let reason = requests::answer(&mut planner, &run, || false, folder.path(), &world.seen());
+    assert_eq!((reason, planner.progress()), (Reason::RequesterTimedOut, begun.as_ref()));
+    let reason = requests::answer(&mut planner, &run, || true, folder.path(), &world.seen());
+    assert!(matches!(reason, Reason::Planned { .. }), "{reason}");
+    assert_eq!(planner.step(&world.seen()).1.state, PlanStatus::STATE_READY);
+    assert_ne!(planner.progress(), begun.as_ref());
+    world.pass(6.0);
+    assert_eq!(planner.step(&world.seen()).1.state, PlanStatus::STATE_ABORTED);
+    assert_eq!(planner.progress(), begun.as_ref());
+    assert!(planner.go_on(&three_lines(), &world.seen()).is_ok());
 }

@@ -312,6 +312,132 @@ fn an_adaptive_leg_waits_for_its_map_and_continues_after_an_interruption() {
     assert_eq!(Reason::from_status(&status), Some(without_map));
 }
 
+/// A second adaptive leg, of another map, and a leg after it.
+const TWICE: &str = r#"
+[[leg]]
+raster = { corner_m = [4.2, 2.6, 0.8], opposite_m = [5.7, 3.8, 0.8], pitch_m = 0.3, along = "x" }
+[[leg]]
+adaptive = { map = "level", corner_m = [4.2, 2.6, 0.8], opposite_m = [5.7, 3.8, 0.8], pitch_m = 0.05, tile_m = 0.15, speed_m_s = 0.3 }
+[[leg]]
+adaptive = { map = "height", corner_m = [4.2, 2.6, 0.8], opposite_m = [5.7, 3.8, 0.8], pitch_m = 0.05, tile_m = 0.15, speed_m_s = 0.3 }
+[[leg]]
+line = { to_m = [4.8, 3.0, 0.5] }
+"#;
+
+/// The same map without the block.
+fn level(stamp_ns: u64) -> Box<FieldMap> {
+    let mut map = block(stamp_ns);
+    map.value.fill(0.0);
+    map
+}
+
+/// A map without a part that is worth a second look ends its own leg, and not the mission.
+#[test]
+fn the_next_adaptive_leg_is_flown_after_one_with_nothing_to_look_at() {
+    let mut world = World::at(START_M);
+    let mut planner = Planner::new(config());
+    planner.run(&mission(TWICE), &world.seen()).unwrap();
+    let (first, _) = planner.step(&world.seen());
+    world.fly(&mut planner, first.end_s + 0.1);
+    assert_eq!(planner.wants_map(), Some("level"));
+    let map = level(world.seen().now_ns + 1);
+    let (stay, status) = planner.step(&Inputs { map: Some(&map), ..world.seen() });
+    assert_eq!((status.leg, status.legs, status.state), (2, 4, PlanStatus::STATE_READY));
+    assert_eq!((planner.wants_map(), planner.segments().len()), (Some("height"), 1));
+    world.estimate.position_m = planner.segments()[0].path.end().into();
+    world.fly(&mut planner, stay.end_s + 0.1);
+    let map = block(world.seen().now_ns + 1);
+    let (_, status) = planner.step(&Inputs { map: Some(&map), ..world.seen() });
+    assert_eq!((status.leg, status.legs, planner.wants_map()), (3, 4, None));
+    // The coarse lines before the stay still tell where the block is.
+    let way = planner.segments();
+    let fine_m = measured_m(way);
+    assert!(fine_m > 5.0, "{fine_m}");
+    assert!((way[way.len() - 1].path.end() - Vector3::new(4.8, 3.0, 0.5)).norm() < 1e-9);
+}
+
+/// A node that is already where the legs before the first map end waits there, instead of a refusal.
+#[test]
+fn an_adaptive_leg_is_flown_where_the_legs_before_it_have_no_way() {
+    let world = World::at(START_M);
+    let mut planner = Planner::new(config());
+    let [x, y, z] = START_M;
+    let [_, rest] = ADAPTIVE.split("[[leg]]\nadaptive").collect::<Vec<_>>()[..] else { unreachable!() };
+    let there = mission(&format!("[[leg]]\nline = {{ to_m = [{x}, {y}, {z}] }}\n[[leg]]\nadaptive{rest}"));
+    planner.run(&there, &world.seen()).unwrap();
+    assert_eq!((planner.wants_map(), planner.segments().len()), (Some("height"), 1));
+}
+
+/// After an interruption too, the lines of all parts say where the next map has samples.
+#[test]
+fn a_continued_mission_knows_its_earlier_lines_in_the_next_map() {
+    // Flies until a time, and gets a map with a step at x = 5.6; the length of what it chooses, m.
+    let chosen_m = |planner: &mut Planner, world: &mut World, end_s: f64| {
+        world.fly(planner, end_s + 0.1);
+        assert_eq!(planner.wants_map(), Some("height"));
+        let mut map = level(world.seen().now_ns + 1);
+        (0..1200).filter(|at| at % 40 >= 32).for_each(|at| map.value[at] = 0.3);
+        let (_, status) = planner.step(&Inputs { map: Some(&map), ..world.seen() });
+        assert_eq!((status.leg, status.legs, status.state), (3, 4, PlanStatus::STATE_READY));
+        measured_m(planner.segments())
+    };
+    let scan = mission(TWICE);
+    let (mut world, mut planner) = (World::at(START_M), Planner::new(config()));
+    planner.run(&scan, &world.seen()).unwrap();
+    let (first, _) = planner.step(&world.seen());
+    world.fly(&mut planner, first.end_s + 0.1);
+    let map = block(world.seen().now_ns + 1);
+    let (second, _) = planner.step(&Inputs { map: Some(&map), ..world.seen() });
+    let fine = planner.segments().to_vec();
+    let mut other = World { share: world.share, ..World::at(START_M) };
+    other.authority = world.authority;
+    let unbroken_m = chosen_m(&mut planner.clone(), &mut other, second.end_s);
+    let until_s = 0.5 * (second.current.start_s + second.end_s);
+    assert_eq!(world.fly(&mut planner, until_s).state, PlanStatus::STATE_ABORTED);
+    let text = toml::to_string(planner.progress().unwrap()).unwrap();
+    let progress: Progress = toml::from_str(&text).unwrap();
+    // A file of an earlier version does not have them.
+    for (before, all) in [(progress.before.clone(), true), (None, false)] {
+        let mut again = Planner::new(config());
+        again.remember(Progress { before, ..progress.clone() });
+        world = World { share: world.share, ..World::at(position(&fine, until_s).into()) };
+        again.go_on(&scan, &world.seen()).unwrap();
+        let (rest, _) = world.step(&mut again);
+        let mut here = World { share: world.share, ..World::at(START_M) };
+        here.authority = world.authority;
+        let continued_m = chosen_m(&mut again, &mut here, rest.end_s);
+        assert_eq!((continued_m - unbroken_m).abs() < 1e-9, all, "{continued_m} m instead of {unbroken_m} m");
+    }
+}
+
+/// Broken off again and again while it waits for its map, and found elsewhere, a mission still waits at the same leg.
+#[test]
+fn a_mission_that_waits_for_its_map_is_continued_as_often_as_it_is_broken_off() {
+    let scan = mission(&format!("[[leg]]\nline = {{ to_m = [4.3, 2.7, 0.8] }}\n{ADAPTIVE}"));
+    let mut world = World::at(START_M);
+    let mut planner = Planner::new(config());
+    planner.run(&scan, &world.seen()).unwrap();
+    let end_m: [f64; 3] = planner.segments().last().unwrap().path.end().into();
+    let (first, _) = planner.step(&world.seen());
+    world.fly(&mut planner, first.end_s + 0.1);
+    for away_m in [0.0, 0.2, 0.4] {
+        world.authority.epoch += 1;
+        assert_eq!(world.step(&mut planner).1.state, PlanStatus::STATE_ABORTED);
+        let text = toml::to_string(planner.progress().unwrap()).unwrap();
+        planner = Planner::new(config());
+        planner.remember(toml::from_str(&text).unwrap());
+        world = World { share: world.share, ..World::at([end_m[0], end_m[1] + away_m, end_m[2]]) };
+        planner.go_on(&scan, &world.seen()).unwrap();
+        let (stay, status) = world.step(&mut planner);
+        assert_eq!((planner.wants_map(), status.leg, status.legs), (Some("height"), 2, 4), "{away_m}");
+        assert_eq!(world.fly(&mut planner, stay.end_s + 0.1).state, PlanStatus::STATE_RUNNING);
+    }
+    let map = block(world.seen().now_ns + 1);
+    let (_, status) = planner.step(&Inputs { map: Some(&map), ..world.seen() });
+    assert_eq!((status.leg, status.legs, planner.wants_map()), (3, 4, None));
+    assert!(measured_m(planner.segments()) > 5.0);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
