@@ -22,6 +22,10 @@ const LENGTH_TOLERANCE_M: f64 = 1e-6;
 /// Relative excess over a limit that counts as rounding.
 const ROUNDING: f64 = 1e-6;
 
+/// Share of the acceleration limit up to which a segment passes: profiles keep the limit at samples of the curvature,
+/// and between samples the excess is at most 1 %.
+pub(crate) const ACCELERATION_EXCESS: f64 = 1.01;
+
 /// Largest number of samples of a check: in longer segments the step grows.
 const MAX_SAMPLES: f64 = 1e5;
 
@@ -76,9 +80,10 @@ impl Segment {
     /// acceleration of the node. Samples are at most `step_m` apart along the path; at every knot both adjacent
     /// accelerations are checked.
     ///
-    /// At a plan rate r, acceleration and drag are r² times those of the profile, and the forces of feasible tensions
-    /// form a convex set. A segment that is feasible at full rate and at rest is therefore feasible at every rate
-    /// between, so the node may slow down and stop anywhere.
+    /// At a constant plan rate r, acceleration and drag are r² times those of the profile, and the forces of feasible
+    /// tensions form a convex set. A segment that is feasible at full rate and at rest is therefore feasible at every
+    /// constant rate between. Not included is the acceleration of a ramp from one rate to another, the velocity times
+    /// the change of the rate: tension limits need room for that of `ramp_s` of motor-io.
     ///
     /// ```
     /// use cable_robot::*;
@@ -455,8 +460,7 @@ fn check_pose(
     }
     let limit_m_s2 = robot.acceleration_limit_m_s2();
     let acceleration_m_s2 = acceleration.norm();
-    // Profiles keep the acceleration limit at samples of the curvature; between samples the excess is at most 1 %.
-    if acceleration_m_s2 > limit_m_s2 * 1.01 {
+    if acceleration_m_s2 > limit_m_s2 * ACCELERATION_EXCESS {
         return Err(Cause::NodeAcceleration { acceleration_m_s2, limit_m_s2 });
     }
     let jacobian = Jacobian::at(robot.anchors(), position).map_err(|e| Cause::NoTension(e.into()))?;

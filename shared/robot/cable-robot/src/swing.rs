@@ -3,14 +3,13 @@
 use nalgebra::Vector3;
 
 use crate::modes::Modes;
-use crate::profile::slope;
+use crate::motion::ACCELERATION_EXCESS;
+use crate::profile::{slope, speed_between};
 use crate::{Distribution, Path, Profile, Robot, tension};
 
-/// Points of a path at which a shaped profile is compared with the limit of the acceleration.
-const SAMPLES: usize = 64;
-
-/// Relative excess of the acceleration that counts as rounding.
-const ROUNDING: f64 = 1e-6;
+/// Parts of a path at whose ends a shaped profile is compared with the limit of the acceleration: as many as those of
+/// the samples by which it was planned.
+const SAMPLES: f64 = 511.0;
 
 /// Returns the profile, shaped where its accelerations would make the node swing by more than the limit, m.
 pub fn shaped(robot: &Robot, distribution: Distribution, path: &Path, profile: Profile, limit_m: f64) -> Profile {
@@ -43,12 +42,24 @@ fn swing_period_s(
     (largest_m > limit_m && weights > 0.0).then(|| weighted / weights)
 }
 
-/// On a curved path the copies of a profile reach a bend at other times.
+/// On a curved path the copies of a profile reach a bend at other times, and their mean passes it faster than a profile
+/// that slows down there. A bend may be much shorter than the distance of the samples, so its sharpest point is one.
 fn keeps_limit(robot: &Robot, path: &Path, profile: &Profile) -> bool {
-    let limit_m_s2 = robot.acceleration_limit_m_s2() * (1.0 + ROUNDING);
-    path.is_straight()
-        || (0..=SAMPLES).all(|i| {
-            let at = profile.at(profile.duration() * i as f64 / SAMPLES as f64);
-            libm::hypot(at.v_m_s * at.v_m_s * path.curvature(at.s_m), at.a_m_s2) <= limit_m_s2
-        })
+    if path.is_straight() {
+        return true;
+    }
+    let limit_m_s2 = robot.acceleration_limit_m_s2() * ACCELERATION_EXCESS;
+    let step_m = path.length() / SAMPLES;
+    profile.knots().windows(2).all(|pair| {
+        let (from, to) = (pair[0], pair[1]);
+        let along_m_s2 = slope(from, to);
+        let keeps = |s_m: f64| {
+            let v_m_s = speed_between(from, to, s_m);
+            libm::hypot(v_m_s * v_m_s * path.curvature(s_m), along_m_s2) <= limit_m_s2
+        };
+        let count = ((to.s_m - from.s_m) / step_m).ceil().max(1.0);
+        let evenly = (0..=count as usize).map(|i| from.s_m + (to.s_m - from.s_m) * (i as f64 / count));
+        let sharpest = path.sharpest_m().filter(|s_m| (from.s_m..=to.s_m).contains(s_m));
+        evenly.chain(sharpest).all(keeps)
+    })
 }

@@ -125,3 +125,28 @@ fn profiles_that_cannot_be_shaped() {
     let once = plain.shaped(0.37).unwrap();
     assert!(once.knots().len() == 12 && once.shaped(0.31).is_none());
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    /// At the turn of a deep parabola the copies of a profile meet at other speeds than where it slows down.
+    #[test]
+    fn a_shaped_profile_keeps_the_limit_at_the_sharpest_bend(
+        from in [13.0..17.0f64, 4.0..8.0f64, 2.0..4.0f64], way in [1.0..8.0f64, 0.0..4.0f64, -1.0..1.0f64], mu_per_m in 0.05..8.0f64, cruise in 0.1..0.4f64,
+    ) {
+        let robot = robot(4, 0.0);
+        let from = Vector3::from(from);
+        let path = Path::Parabola(cable_robot::path::Parabola { from, to: from + Vector3::from(way), mu_per_m });
+        let limits = ProfileLimits::rest_to_rest(cruise, 0.5);
+        let plain = Profile::plan(&path, &limits).unwrap();
+        let shaped = cable_robot::swing::shaped(&robot, Distribution::LeastNorm, &path, plain, 0.0);
+        prop_assume!(shaped != plain);
+        let acceleration = |profile: &Profile, t: f64| {
+            let at = profile.at(t);
+            (at.v_m_s * at.v_m_s * path.curvature(at.s_m)).hypot(at.a_m_s2)
+        };
+        let worst = |profile: &Profile| (0..=4000).map(|i| acceleration(profile, profile.duration() * f64::from(i) / 4000.0)).fold(0.0, f64::max);
+        prop_assert!(worst(&plain) <= 0.505);
+        prop_assert!(worst(&shaped) <= 0.505, "{} {}", worst(&plain), worst(&shaped));
+    }
+}
