@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector5};
 
 use crate::MAX_CABLES;
+use crate::linalg::dot;
 use crate::robot_error::{RobotError, refuse};
 
 /// Quantities per cable in [`crate::RobotParts::length_covariance`]; of these, the scale and the radius.
@@ -117,5 +118,35 @@ fn check_covariance(
         let (i, j) = (at / size, at % size);
         return refuse(key, format!("has {} in row {}, column {}", rows[i][j], i + 1, j + 1), accepted);
     }
+    if let Some(row) = first_contradiction(rows) {
+        return refuse(key, format!("contradicts itself in row {}: a variance would be negative", row + 1), accepted);
+    }
     Ok(())
+}
+
+/// Largest share of the variances by which a combination of them may be negative: numbers that were written with four
+/// digits.
+const WRITTEN: f64 = 1e-3;
+
+/// The row in which a Cholesky decomposition of the correlations finds a negative variance. Each pair of quantities may
+/// be possible, and all together not.
+fn first_contradiction(rows: &[Vec<f64>]) -> Option<usize> {
+    let size = rows.len();
+    let correlation = |i: usize, j: usize| {
+        let both = (rows[i][i] * rows[j][j]).sqrt();
+        if both > 0.0 { rows[i][j] / both } else { 0.0 }
+    };
+    let mut factor = vec![vec![0.0; size]; size];
+    for i in 0..size {
+        for j in 0..i {
+            factor[i][j] = (correlation(i, j) - dot(&factor[i][..j], &factor[j][..j])) / factor[j][j];
+        }
+        let left = 1.0 + WRITTEN - dot(&factor[i][..i], &factor[i][..i]);
+        // Also true for NaN.
+        if !(left > 0.0) {
+            return Some(i);
+        }
+        factor[i][i] = left.sqrt();
+    }
+    None
 }

@@ -229,8 +229,12 @@ impl Hanging {
     }
 }
 
-/// Half-width of the 95 % interval in the worst direction, m, or more.
+/// Half-width of the 95 % interval in the worst direction, m, or more; the largest bound for a covariance that is not a
+/// number, which no maximum may hide.
 fn bound_95_m(covariance_m2: &Matrix3<f64>) -> f64 {
+    if covariance_m2.iter().any(|entry| entry.is_nan()) {
+        return MOST_M;
+    }
     let row = |i: usize| covariance_m2.row(i).iter().map(|x| x.abs()).sum::<f64>();
     let variance_m2 = row(0).max(row(1)).max(row(2)).min(covariance_m2.trace());
     (SIGMAS_95 * variance_m2.max(0.0).sqrt()).min(MOST_M)
@@ -331,6 +335,19 @@ mod tests {
             );
             prop_assert!(border.is_some());
         }
+    }
+
+    #[test]
+    fn what_is_not_a_number_has_the_largest_bound() {
+        let known_m2 = Matrix3::identity() * 1e-4;
+        assert!((bound_95_m(&known_m2) - SIGMAS_95 * 0.01).abs() < 1e-12);
+        assert_eq!(bound_95_m(&(known_m2 * f64::INFINITY)), MOST_M);
+        for at in 0..9 {
+            let mut wrong_m2 = known_m2;
+            wrong_m2[at] = f64::NAN;
+            assert_eq!(bound_95_m(&wrong_m2), MOST_M, "{at}");
+        }
+        assert_eq!(bound_95_m(&Matrix3::repeat(f64::NAN)), MOST_M);
     }
 
     /// Eight cables and sixteen bodies, all of which are closer to every cable than the margin.

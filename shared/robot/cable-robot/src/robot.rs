@@ -495,6 +495,11 @@ mod tests {
             ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![1.0; 8]; 9])),
             ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![f64::NAN; 9]; 9])),
             ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![-1.0; 9]; 9])),
+            ("covariance_m2", |p| {
+                // Each pair may be as opposed as this, three may not.
+                let row = |i: usize| (0..9).map(|j| if i == j { 1e-4 } else { -0.9e-4 }).collect();
+                p.anchor_covariance_m2 = Some((0..9).map(row).collect());
+            }),
             ("length_covariance", |p| p.length_covariance = Some(vec![vec![0.0; 9]; 9])),
             ("length_covariance", |p| p.length_covariance = Some(vec![vec![-1.0; 15]; 15])),
         ];
