@@ -199,7 +199,7 @@ impl Incidents {
                 let subject = self.subject(&fact.authority, fault.bit);
                 let place = subject.as_ref().map_or_else(String::new, |subject| format!(" ({subject})"));
                 faults.push(format!("{}{place}", fault.clause));
-                of.extend(subject);
+                of.extend(subject.filter(|subject| !of.contains(subject)));
                 causes.extend(verdict(&fact.authority, fault.bit));
                 let roles = roles_of(fault.bit);
                 for (at, process) in self.processes.iter().enumerate() {
