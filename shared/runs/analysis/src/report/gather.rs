@@ -553,8 +553,7 @@ impl Collector {
         data.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
         data.end_reason = crate::runs::end_reason(run);
         // At the end of a run its sensors may end before the recorder.
-        let stopping_s =
-            crate::runs::stopping_unix_ns(run).zip(self.begin_ns).map(|(at, begin)| seconds_since(at, begin));
+        let stopping_s = crate::runs::stopping_unix_ns(run).map(|at_ns| self.time.logged_s(at_ns));
         let ends = self.cycle_s.into_iter().chain(stopping_s);
         data.sensors.close(ends.fold(self.last_s, f64::min));
         data.recording = recording;
