@@ -49,6 +49,15 @@ const BESIDE: Duration = Duration::from_millis(100);
 /// Polling period during the start, ns: it adds to the time until the robot is up.
 const POLL_NS: u64 = 2_000_000;
 
+/// Result of the file work for a process.
+struct Started {
+    restored: Restored,
+    /// The process, and what it could not be given.
+    child: Decision<(ManagedProcess, Option<String>)>,
+    /// Its files that belong into the run folder.
+    files: Vec<PathBuf>,
+}
+
 /// Loads the context of a run from the run's copy of the configuration.
 fn site_of_run(folder: &RunFolder, archive: &Archive, system_path: &Path, domain: &Domain) -> Answer<RunContext> {
     let config = folder.resolved();
@@ -308,14 +317,14 @@ impl Supervisor {
             let restored = copies.restore(&run);
             let with = Start { domain: &domain, changes, succeeds, log: &log };
             let child = ManagedProcess::start(&started, with, restarts);
-            (restored, child, started.files_to_copy(&run))
+            Started { restored, child, files: started.files_to_copy(&run) }
         };
-        let undo = |(_, child, _): (Restored, Decision<(ManagedProcess, Option<String>)>, Vec<PathBuf>)| {
-            if let Ok((child, _)) = child {
+        let undo = |late: Started| {
+            if let Ok((child, _)) = late.child {
                 child.end_late();
             }
         };
-        let (restored, child, files) = self.in_time(&member.name, work, undo)?;
+        let Started { restored, child, files } = self.in_time(&member.name, work, undo)?;
         self.report_restored(&restored);
         let (mut child, warning) = child?;
         // Keeps the original arguments: its next start includes the parameters that are set until then.
