@@ -4,7 +4,7 @@ use super::Supervisor;
 use super::archive::Archive;
 use super::closing::moves;
 use super::managed_process::{AfterEnd, ManagedProcess};
-use super::process_spec::{ProcessSpec, slot_role};
+use super::process_spec::{ProcessSpec, RunContext, slot_role};
 use super::refused::{Decision, bus_failed};
 use super::restarts::Restarts;
 use bus::{Server, clock};
@@ -31,6 +31,8 @@ impl Supervisor {
 
     fn serve_from(&mut self, server: &mut Server) -> Answer {
         while let Some(call) = server.try_next()? {
+            // Each request may wait for a disk, and motor-io waits 2 s for a sign of life.
+            self.heartbeat_if_due()?;
             let answer = match Request::decode(&call.request) {
                 Ok(request) => self.carry_out(&request),
                 Err(error) => Ok(Reason::Undecodable { why: detail(error) }),
@@ -151,17 +153,20 @@ impl Supervisor {
                 None => self.free_slot(role)?,
             };
             return match law {
-                Some(law) => self.context.with_law(role, slot, law),
+                Some(law) => {
+                    let law = law.to_owned();
+                    self.looked_up(name, move |context| context.with_law(role, slot, &law))
+                }
                 None => match self.process_set.find(&role.process_name(slot)) {
                     Some(child) => Ok(child.member.clone()),
-                    None => self.context.of_role(role, Some(slot)),
+                    None => self.looked_up(name, move |context| context.of_role(role, Some(slot))),
                 },
             };
         }
         if let Some(section) = self.context.section(name).cloned() {
             if !section.role.has_slots() {
                 refuse_slot_and_law(name, slot, law)?;
-                return self.context.configured(&section, None);
+                return self.looked_up(name, move |context| context.configured(&section, None));
             }
             if law.is_some() {
                 return Err(Reason::HasOwnLaw { process: detail(name) }.into());
@@ -170,7 +175,7 @@ impl Supervisor {
                 Some(slot) => slot,
                 None => self.free_slot(section.role)?,
             };
-            return self.context.configured(&section, Some(slot));
+            return self.looked_up(name, move |context| context.configured(&section, Some(slot)));
         }
         refuse_slot_and_law(name, slot, law)?;
         if let Some(child) = self.process_set.find(name) {
@@ -178,9 +183,19 @@ impl Supervisor {
         }
         match Role::STANDARD.iter().find(|(standard, _)| *standard == name) {
             Some((_, Role::MotorBox)) if self.context.file.motor_box.is_none() => Err(Reason::NoMotorBox.into()),
-            Some((_, role)) => self.context.of_role(*role, None),
+            Some((_, role)) => self.looked_up(name, |context| context.of_role(*role, None)),
             None => Err(self.unknown(name).into()),
         }
+    }
+
+    /// How to start a process whose program may be on a disk that does not answer.
+    fn looked_up(
+        &mut self,
+        name: &str,
+        look: impl FnOnce(&RunContext) -> Decision<ProcessSpec> + Send + 'static,
+    ) -> Decision<ProcessSpec> {
+        let context = self.context.clone();
+        self.in_time(name, move || look(&context), drop::<Decision<_>>)?
     }
 
     /// The first slot of a role without a running process.
