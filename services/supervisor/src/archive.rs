@@ -3,8 +3,7 @@
 use super::copies::{SharedCopies, replace};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
@@ -26,26 +25,25 @@ enum Job {
     /// Copies a file that a process is about to read, and sends the path of the copy.
     CopyNow { original: PathBuf, name: String, copy: Sender<PathBuf> },
     /// Restores a run folder that was removed.
-    Restore { copies: SharedCopies, manifest: (PathBuf, String) },
+    Restore { manifest: (PathBuf, String) },
     /// Replaces files, each atomically, and sends why not; without a receiver that is reported.
-    Write { files: Vec<(PathBuf, String)>, written: Option<Sender<Result<(), String>>> },
+    Write { files: Vec<(PathBuf, String)>, written: Option<SyncSender<Result<(), String>>> },
 }
 
 /// Carries out write jobs in the order in which they were queued.
 pub struct Archive {
     jobs: Option<Sender<Job>>,
     troubles: Receiver<String>,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl Archive {
-    /// Starts the worker for that run folder.
+    /// Starts the worker for that run folder, of which the supervisor holds these copies.
     ///
     /// # Errors
     /// No thread can be started.
-    pub fn open(run: &Path) -> io::Result<Self> {
+    pub fn open(run: &Path, copies: SharedCopies) -> io::Result<Self> {
         let ((jobs, queue), (report, troubles)) = (channel(), channel());
-        let mut shelf = ArchiveWorker { run: run.to_owned(), ..ArchiveWorker::default() };
+        let mut shelf = ArchiveWorker { run: run.to_owned(), copies, ..ArchiveWorker::default() };
         let work = move || {
             for job in queue {
                 if let Err(trouble) = shelf.carry_out(&job) {
@@ -54,8 +52,8 @@ impl Archive {
                 }
             }
         };
-        let thread = std::thread::Builder::new().name("archive".to_owned()).spawn(work)?;
-        Ok(Self { jobs: Some(jobs), troubles, thread: Some(thread) })
+        std::thread::Builder::new().name("archive".to_owned()).spawn(work)?;
+        Ok(Self { jobs: Some(jobs), troubles })
     }
 
     /// Stores a copy of a mission that was started, under its name; one copy for each start.
@@ -86,20 +84,21 @@ impl Archive {
         made.recv_timeout(give_up.saturating_duration_since(Instant::now())).ok()
     }
 
-    /// Replaces files.
+    /// Replaces files of the run folder, and its copies of them.
     ///
     /// # Errors
     /// Why they are not written, as a clause. After a timeout they may still be written later.
     pub fn write_in_time(&self, files: Vec<(PathBuf, String)>) -> Result<(), String> {
-        let (written, result) = channel();
+        // Without room for a result: the worker learns whether the change counts.
+        let (written, result) = sync_channel(0);
         self.send(Job::Write { files, written: Some(written) });
         result.recv_timeout(PATIENCE).unwrap_or_else(|_| Err("the disk of the run does not answer".to_owned()))
     }
 
     /// Restores the run folder, if it was removed: the configuration, the copies, and then the manifest, whose presence
     /// marks a complete folder.
-    pub fn restore(&self, copies: SharedCopies, manifest: (PathBuf, String)) {
-        self.send(Job::Restore { copies, manifest });
+    pub fn restore(&self, manifest: (PathBuf, String)) {
+        self.send(Job::Restore { manifest });
     }
 
     /// Replaces a file; its folder has to be there.
@@ -119,13 +118,18 @@ impl Archive {
         self.troubles.try_iter().collect()
     }
 
-    /// Waits until everything is written; returns what is left to report.
-    pub fn finish(&mut self) -> Vec<String> {
+    /// Waits for that long until everything is written; returns what is left to report, and whether all was written.
+    pub fn finish(&mut self, time: Duration) -> (Vec<String>, bool) {
         self.jobs = None;
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
+        let (give_up, mut reports) = (Instant::now() + time, Vec::new());
+        loop {
+            match self.troubles.recv_timeout(give_up.saturating_duration_since(Instant::now())) {
+                Ok(report) => reports.push(report),
+                Err(RecvTimeoutError::Timeout) => return (reports, false),
+                // The worker has nothing left.
+                Err(RecvTimeoutError::Disconnected) => return (reports, true),
+            }
         }
-        self.take_reports()
     }
 }
 
@@ -136,6 +140,7 @@ fn name_of(path: &Path) -> String {
 #[derive(Default)]
 struct ArchiveWorker {
     run: PathBuf,
+    copies: SharedCopies,
     /// Number of files in each place so far.
     numbers: BTreeMap<&'static str, usize>,
     /// The newest copy under each name.
@@ -152,19 +157,28 @@ impl ArchiveWorker {
                 // The requester may have timed out.
                 let _ = copy.send(path);
             }),
-            Job::Restore { copies, manifest } => self.restore(copies, manifest),
-            Job::Write { files, written } => {
-                let result = files.iter().try_for_each(|(path, text)| write(path, text.as_bytes()));
-                match written {
-                    Some(written) => {
-                        // The requester may have timed out.
-                        let _ = written.send(result);
-                        Ok(())
-                    }
-                    None => result,
-                }
+            Job::Restore { manifest } => self.restore(manifest),
+            Job::Write { files, written } => self.write_all(files, written.as_ref()),
+        }
+    }
+
+    fn write_all(
+        &self,
+        files: &[(PathBuf, String)],
+        written: Option<&SyncSender<Result<(), String>>>,
+    ) -> Result<(), String> {
+        // Until the copies agree with the files, the start of a process must not compare them.
+        let _alone = self.copies.alone();
+        let result = files.iter().try_for_each(|(path, text)| write(path, text.as_bytes()));
+        let Some(written) = written else { return result };
+        let is_written = result.is_ok();
+        // A requester that timed out does not make the change.
+        if written.send(result).is_ok() && is_written {
+            for (path, text) in files {
+                self.copies.with(|copies| copies.add(&name_of(path), text.clone()));
             }
         }
+        Ok(())
     }
 
     fn copy(&mut self, original: &Path, place: &'static str, name: &str, always: bool) -> Result<PathBuf, String> {
@@ -191,12 +205,12 @@ impl ArchiveWorker {
         Ok(copy)
     }
 
-    fn restore(&self, copies: &SharedCopies, (manifest, text): &(PathBuf, String)) -> Result<(), String> {
+    fn restore(&self, (manifest, text): &(PathBuf, String)) -> Result<(), String> {
         // A manifest that was written meanwhile makes no complete folder.
         if manifest.exists() && self.contents.keys().all(|copy| copy.exists()) {
             return Ok(());
         }
-        let restored = copies.restore(&self.run);
+        let restored = self.copies.restore(&self.run);
         if restored.back.is_ok() {
             for (copy, bytes) in self.contents.iter().filter(|(copy, _)| !copy.exists()) {
                 let folder = copy.parent().unwrap_or(self.run.as_path());
@@ -217,6 +231,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), String> {
 mod tests {
     use super::*;
 
+    const SOON: Duration = Duration::from_secs(20);
+
     fn names(folder: &Path) -> Vec<String> {
         let mut names: Vec<String> =
             fs::read_dir(folder).unwrap().map(|entry| name_of(&entry.unwrap().path())).collect();
@@ -228,7 +244,7 @@ mod tests {
     fn each_start_of_a_mission_has_a_copy_and_an_unchanged_file_has_one() {
         let (run, given) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let file = given.path().join("wind.toml");
-        let mut archive = Archive::open(run.path()).unwrap();
+        let mut archive = Archive::open(run.path(), SharedCopies::default()).unwrap();
         // Once: the worker reads it meanwhile.
         fs::write(&file, "a = 1\n").unwrap();
         for _ in 0..2 {
@@ -238,7 +254,7 @@ mod tests {
         archive.copy_process_file("other", file.clone());
         archive.copy_process_file("gone", given.path().join("gone.toml"));
         archive.write(run.path().join("manifest.json"), "{}\n".to_owned());
-        let troubles = archive.finish();
+        let (troubles, true) = archive.finish(SOON) else { panic!() };
         assert!(troubles.len() == 1 && troubles[0].contains("gone.toml"), "{troubles:?}");
         assert_eq!(names(&run.path().join(MISSIONS)), ["1-wind.toml", "2-wind.toml"]);
         assert_eq!(names(&run.path().join(PROCESSES)), ["1-wind-wind.toml", "2-other-wind.toml"]);
@@ -256,9 +272,13 @@ mod tests {
     #[test]
     fn a_disk_that_does_not_answer_delays_a_request_once() {
         let (run, given) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        let mut archive = Archive::open(run.path()).unwrap();
+        let copies = SharedCopies::default();
+        let mut archive = Archive::open(run.path(), copies.clone()).unwrap();
         let kept = run.path().join("set.toml");
         archive.write_in_time(vec![(kept.clone(), "a = 1\n".to_owned())]).unwrap();
+        drop(copies.alone());
+        let text = || copies.with(|copies| copies.text("set.toml")).unwrap();
+        assert_eq!(text(), "a = 1\n");
         assert_eq!(fs::read_to_string(&kept).unwrap(), "a = 1\n");
         let refused = archive.write_in_time(vec![(kept.join("x"), String::new())]).unwrap_err();
         assert!(refused.contains("set.toml"), "{refused}");
@@ -271,17 +291,22 @@ mod tests {
         }
         assert!(begun.elapsed() < 2 * PATIENCE, "{:?}", begun.elapsed());
         assert!(archive.write_in_time(vec![(kept, String::new())]).is_err());
+        assert_eq!(archive.finish(Duration::from_millis(10)), (Vec::new(), false));
         let writer = fs::OpenOptions::new().write(true).open(&pipe).unwrap();
         fs::remove_file(&pipe).unwrap();
         drop(writer);
-        assert_eq!(archive.finish().len(), 2, "the other two copies");
+        let (troubles, true) = archive.finish(SOON) else { panic!() };
+        assert_eq!(troubles.len(), 2, "the other two copies");
+        assert_eq!(text(), "a = 1\n", "the change came too late");
     }
 
     #[test]
     fn copies_that_were_removed_with_the_folder_are_restored() {
         let (parent, given) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let (run, file) = (parent.path().join("run"), given.path().join("over.toml"));
-        let mut archive = Archive::open(&run).unwrap();
+        let copies = SharedCopies::default();
+        copies.with(|copies| copies.add("robot.toml", "r = 1\n".to_owned()));
+        let mut archive = Archive::open(&run, copies).unwrap();
         fs::write(&file, "w = 1\n").unwrap();
         let copy = archive.copy_for("wind", file.clone(), Archive::deadline()).unwrap();
         for text in ["a = 1\n", "a = 2\n"] {
@@ -290,14 +315,12 @@ mod tests {
             // Jobs run in order: when this copy exists, the previous one does too.
             archive.copy_for(&text[4..5], file.clone(), Archive::deadline()).unwrap();
         }
-        let copies = SharedCopies::default();
-        copies.with(|copies| copies.add("robot.toml", "r = 1\n".to_owned()));
         let manifest = (run.join("manifest.json"), "{}\n".to_owned());
-        archive.restore(copies.clone(), (file.clone(), String::new()));
+        archive.restore((file.clone(), String::new()));
         archive.copy_for("last", file.clone(), Archive::deadline()).unwrap();
         fs::remove_dir_all(&run).unwrap();
-        archive.restore(copies, manifest.clone());
-        let reports = archive.finish();
+        archive.restore(manifest.clone());
+        let (reports, true) = archive.finish(SOON) else { panic!() };
         // Nothing of a folder whose manifest is there.
         assert!(reports.len() == 1 && reports[0].contains("robot.toml"), "{reports:?}");
         let read = |path: PathBuf| fs::read_to_string(path).unwrap();

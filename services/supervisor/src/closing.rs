@@ -1,5 +1,6 @@
 //! The end of a run: stops the robot, ends the processes in order, and completes the run files.
 
+use super::copies::{MANIFEST, replace};
 use super::managed_process::{ManagedProcess, ending};
 use super::unfinished_runs::parts;
 use super::{RunOutcome, Supervisor, stale_processes};
@@ -19,6 +20,11 @@ const SETTLE_NS: u64 = 500_000_000;
 
 /// Longest wait for motor-io's answer to the stop request.
 const ANSWER: Duration = Duration::from_secs(1);
+/// Longest wait for the run's disk, once the processes have ended; a service has 30 s for the whole end. A memory card
+/// can stand still for a second or two.
+const DISK: Duration = Duration::from_secs(5);
+/// Longest wait for starts that were given up; their program is ended when its disk answers.
+const LATE_STARTS: Duration = Duration::from_secs(1);
 /// Longest wait for the recovery of earlier runs, once the robot is at rest and its processes have ended.
 const UNFINISHED_RUNS: Duration = Duration::from_secs(5);
 
@@ -142,15 +148,52 @@ impl Supervisor {
         for name in killed {
             self.announcer.warn(&format!("{name} did not end in time and was killed"));
         }
+        for name in self.file_work.finish(LATE_STARTS) {
+            self.announcer.warn(&format!(
+                "the start of {name} still waits for a disk that does not answer; its program may begin later, without supervision"
+            ));
+        }
         // The recorder publishes its final count of lost samples as it ends.
         let _ = self.poll_recording();
         self.check_recorder_exit();
         let _ = self.publish_table();
         // The run folder may have been removed since the last poll.
         self.restore_folder();
-        for trouble in self.archive.finish() {
+        let (troubles, is_written) = self.archive.finish(DISK);
+        for trouble in troubles {
             self.announcer.warn(&trouble);
         }
+        if is_written {
+            self.complete_run(because);
+        } else if self.run_answers() {
+            self.announcer.warn("files of processes or missions are not copied: their disk does not answer");
+            self.complete_run(because);
+        } else {
+            let run = self.folder.path().display();
+            let why =
+                format!("the disk of {run} does not answer: its manifest is not completed, and files may be open");
+            self.recording.record_failure(&why);
+            self.announcer.error(&why);
+        }
+        // Only this process is left in the domain; the next start removes its names.
+        let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
+        let _ = self.domain.set_wall_clock(None);
+        let _ = stale_processes::record(&self.domain, &[]);
+    }
+
+    /// Whether the manifest can be written, or is refused, in time.
+    fn run_answers(&mut self) -> bool {
+        let ((path, text), copies) = (self.folder.manifest(), self.folder.copies().clone());
+        let work = move || {
+            let _alone = copies.alone();
+            replace(&path, text.as_bytes())
+        };
+        let pending = self.file_work.begin(MANIFEST, work, drop);
+        pending.is_ok_and(|pending| matches!(pending.wait(DISK), Ok(Some(_))))
+    }
+
+    /// Recovers run files that were not closed, and completes the manifest.
+    fn complete_run(&mut self, because: &str) {
         let run = self.folder.path().to_path_buf();
         // Every mission that was started has a copy of its own in the archive.
         let _ = std::fs::remove_dir_all(run.join(config::INBOX));
@@ -162,10 +205,6 @@ impl Supervisor {
             self.recording.record_failure(&failure.to_string());
             self.announcer.error(&failure.to_string());
         }
-        // Only this process is left in the domain; the next start removes its names.
-        let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
-        let _ = self.domain.set_wall_clock(None);
-        let _ = stale_processes::record(&self.domain, &[]);
     }
 
     /// A recorder that did not exit cleanly has lost its buffers.

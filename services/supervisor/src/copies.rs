@@ -7,7 +7,7 @@ use config::{MOTOR_BOX, RESOLVED};
 use runlog::SYSTEM_FILE;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::{fs, io};
 
 /// Names that the run folder uses for its own files.
@@ -83,15 +83,16 @@ pub struct SharedCopies(Arc<Shared>);
 struct Shared {
     /// Never locked during file work.
     copies: Mutex<Copies>,
-    /// Held by the thread that restores: two would replace each other's temporary files.
-    restoring: Mutex<()>,
+    /// Held by the thread that restores or changes files: two would replace each other's temporary files, and one could
+    /// restore the text from before a change.
+    writing: Mutex<()>,
 }
 
 impl SharedCopies {
     /// Shares the copies of a run.
     #[must_use]
     pub fn new(copies: Copies) -> Self {
-        Self(Arc::new(Shared { copies: Mutex::new(copies), restoring: Mutex::default() }))
+        Self(Arc::new(Shared { copies: Mutex::new(copies), writing: Mutex::default() }))
     }
 
     /// Reads or changes the content.
@@ -99,10 +100,15 @@ impl SharedCopies {
         act(&mut self.0.copies.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
+    /// As long as the result lives, no other thread restores or changes these files.
+    pub fn alone(&self) -> MutexGuard<'_, ()> {
+        self.0.writing.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Restores files in the run folder that were changed or removed.
     #[must_use]
     pub fn restore(&self, run: &Path) -> Restored {
-        let _alone = self.0.restoring.lock().unwrap_or_else(PoisonError::into_inner);
+        let _alone = self.alone();
         let gone = !run.join(MANIFEST).exists();
         let names: Vec<PathBuf> = self.with(|copies| copies.0.keys().cloned().collect());
         let mut restored = Vec::new();

@@ -4,13 +4,15 @@
 use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest wait of the loop, during which it watches no process: the same as that for the files of a request.
 const PATIENCE: Duration = super::archive::PATIENCE;
 /// As [`PATIENCE`], while earlier work still waits for its disk, so that many processes of one disk do not add up to the
 /// time of the service's watchdog. A shared machine can stand still for as long.
 const LATE_PATIENCE: Duration = Duration::from_millis(250);
+/// Pause between two looks at late work.
+const POLL: Duration = Duration::from_millis(5);
 
 /// Threads whose results the loop did not wait for.
 #[derive(Debug, Default)]
@@ -56,6 +58,18 @@ impl FileWork {
         if self.late.iter().any(|(_, thread)| !thread.is_finished()) { LATE_PATIENCE } else { PATIENCE }
     }
 
+    /// Waits for that long until the late work ends; returns the processes whose work still waits for its disk.
+    pub fn finish(&mut self, time: Duration) -> Vec<String> {
+        let give_up = Instant::now() + time;
+        loop {
+            self.late.retain(|(_, thread)| !thread.is_finished());
+            if self.late.is_empty() || Instant::now() >= give_up {
+                return self.late.iter().map(|(process, _)| process.clone()).collect();
+            }
+            std::thread::sleep(POLL);
+        }
+    }
+
     /// Stops waiting for work of that process.
     pub fn give_up<T>(&mut self, process: &str, pending: Pending<T>) {
         self.late.push((process.to_owned(), pending.thread));
@@ -99,6 +113,7 @@ mod tests {
         files.give_up("wind", pending);
         assert_eq!(files.patience(), LATE_PATIENCE);
         assert!(files.begin("wind", || 2, drop).is_err());
+        assert_eq!(files.finish(Duration::ZERO), ["wind"]);
         let other = files.begin("soil", || 3, |_| panic!("it was collected")).unwrap();
         assert_eq!(other.wait(SOON).unwrap(), Some(3));
         other.end();

@@ -10,6 +10,7 @@ use std::os::linux::net::SocketAddrExt;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::process::Command;
+use std::time::Duration;
 
 /// Socket of the service manager: a path, or `@` and an abstract name.
 const SOCKET: &str = "NOTIFY_SOCKET";
@@ -52,6 +53,12 @@ impl ServiceManager {
     /// The robot is up.
     pub fn ready(&self) {
         self.send("READY=1");
+    }
+
+    /// The start goes on: from now on the manager waits at least for that long. An earlier limit of the manager that is
+    /// later stays.
+    pub fn extend_start(&self, time: Duration) {
+        self.send(&format!("EXTEND_TIMEOUT_USEC={}", time.as_micros()));
     }
 
     /// The end has begun.
@@ -144,11 +151,15 @@ mod tests {
         let mut client = fake.client();
         client.set_status("Disarmed");
         client.set_status("Disarmed");
+        client.extend_start(Duration::from_secs(45));
         client.ready();
         client.supervised();
         client.set_status("two\nlines");
         client.stopping();
-        assert_eq!(fake.received(), ["STATUS=Disarmed", "READY=1", "STATUS=two lines", "STOPPING=1"]);
+        assert_eq!(
+            fake.received(),
+            ["STATUS=Disarmed", "EXTEND_TIMEOUT_USEC=45000000", "READY=1", "STATUS=two lines", "STOPPING=1"]
+        );
     }
 
     #[test]

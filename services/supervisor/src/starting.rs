@@ -34,13 +34,16 @@ use std::time::{Duration, Instant};
 
 /// Longest time from the start of a process to its readiness, ns. motor-io may have to find and query the drives first.
 pub(super) const READY_NS: u64 = 20_000_000_000;
+/// Longest time for one process, from the wait for its disk to its readiness, and a margin.
+const START_OF_ONE: Duration = Duration::from_nanos(2 * READY_NS + 5_000_000_000);
 /// Time after which a warning names the processes that are not ready yet, ns.
 const WAIT_WARNING_NS: u64 = 3_000_000_000;
 /// Free shared memory that the start of a process requires: motor-io, which publishes most, takes 3 MB.
 const PROCESS_BYTES: usize = 3 << 20;
 /// As [`PROCESS_BYTES`], for a plugged process: its samples may be large. It rejects by itself what does not fit.
 const SENSOR_BYTES: usize = 6 << 20;
-/// Longest wait of a service for a device, ns; with the start of the processes less than its `TimeoutStartSec=90`.
+/// Longest wait of a service for a device, ns; less than its `TimeoutStartSec=90`, which the start of each process
+/// extends.
 const DEVICE_NS: u64 = 30_000_000_000;
 /// Pause between two looks for a device, ns.
 const DEVICE_POLL_NS: u64 = 100_000_000;
@@ -107,7 +110,7 @@ impl Supervisor {
         // A service starts again and again while the drives have no power. A run for each attempt would make the quota
         // remove the flights.
         let mut leftover = Leftover::of(&folder, is_service && wanted.run.is_none());
-        let archive = Archive::open(&run).map_err(Failure::not_now)?;
+        let archive = Archive::open(&run, folder.copies().clone()).map_err(Failure::not_now)?;
         let context = site_of_run(&folder, &archive, &system_path, &domain)?;
         let members = context.members()?;
 
@@ -218,6 +221,7 @@ impl Supervisor {
             let (now, later): (Vec<ProcessSpec>, Vec<ProcessSpec>) = waiting.iter().cloned().partition(may_start);
             waiting = later;
             for member in now {
+                self.manager.extend_start(START_OF_ONE);
                 self.launch(&member, Restarts::default())?;
                 // Starting hundreds takes longer than motor-io waits for a sign of life.
                 self.heartbeat_if_due()?;
@@ -357,8 +361,12 @@ impl Supervisor {
                 pending.end();
                 return Ok(result);
             }
-            if left.is_zero() {
+            let is_cancelled = is_starting && self.is_stopping();
+            if left.is_zero() || is_cancelled {
                 self.file_work.give_up(process, pending);
+                if is_cancelled {
+                    return Err(not_started(process, "stopped while starting"));
+                }
                 return Err(not_started(process, "the disk of the run or of its program does not answer"));
             }
         }
@@ -382,7 +390,7 @@ impl Supervisor {
 
     /// Restores a removed run folder with everything that the supervisor still holds of the run.
     pub(super) fn restore_folder(&self) {
-        self.archive.restore(self.folder.copies().clone(), self.folder.manifest());
+        self.archive.restore(self.folder.manifest());
     }
 
     /// Reports what the start of a process restored in the run folder, and restores the rest of a removed one.
