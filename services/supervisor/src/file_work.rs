@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 /// Longest wait of the loop, during which it watches no process: the same as that for the files of a request.
 const PATIENCE: Duration = super::archive::PATIENCE;
-/// As [`PATIENCE`], while earlier work still waits for its disk, so that many processes of one disk do not add up to the
-/// time of the service's watchdog. A shared machine can stand still for as long.
+/// As [`PATIENCE`], while earlier work still waits for its disk, so that many processes of one disk do not add up to
+/// the time of the service's watchdog. A shared machine can stand still for as long.
 const LATE_PATIENCE: Duration = Duration::from_millis(250);
 /// Pause between two looks at late work.
 const POLL: Duration = Duration::from_millis(5);
