@@ -18,8 +18,8 @@ pub fn split(mission: &Mission) -> (Mission, Option<Mission>) {
     (of(&mission.leg[..at]), Some(of(&mission.leg[at..])))
 }
 
-/// Plans the part of a mission before an adaptive leg by `plan`; returns the plan and its mission. A node that is at the
-/// end of the part already waits there for the map, instead of an end of the mission.
+/// Plans the part of a mission before an adaptive leg by `plan`; returns the plan and its mission. A node that is at
+/// the end of the part already waits there for the map, instead of an end of the mission.
 ///
 /// # Errors
 /// The error of `plan`.
