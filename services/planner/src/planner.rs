@@ -263,8 +263,10 @@ impl Planner {
             None => LaterCost::default(),
         };
         let mut flown = whole;
-        if let Some(before) = &progress.before {
-            let before = Plan::new(&before.mission, &self.config, before.start_m.into(), 0.0, 1)?;
+        // They only help the next map: joined parts that fail a check of the whole keep nothing from being flown.
+        if let Some(before) = &progress.before
+            && let Ok(before) = Plan::new(&before.mission, &self.config, before.start_m.into(), 0.0, 1)
+        {
             flown.segments.extend(before.segments);
         }
         let legs_left = stage.leg.len() + progress.left.as_ref().map_or(0, |left| left.leg.len());

@@ -137,7 +137,7 @@ fn path_of(folder: &Path, name: &str) -> PathBuf {
 /// Writer of the progress of the missions of one robot.
 #[derive(Debug)]
 pub struct ProgressWriter {
-    sender: Option<SyncSender<Progress>>,
+    sender: Option<SyncSender<Option<Progress>>>,
     thread: Option<JoinHandle<()>>,
     kept: Option<Progress>,
     kept_ns: u64,
@@ -152,13 +152,17 @@ impl ProgressWriter {
         let path = path_of(folder, name);
         let unwritable = |error: io::Error| KeepError::Unwritable { path: path.clone(), why: error.to_string() };
         fs::create_dir_all(folder).map_err(unwritable)?;
-        let (sender, receiver) = mpsc::sync_channel::<Progress>(1);
+        let (sender, receiver) = mpsc::sync_channel::<Option<Progress>>(1);
         let target = path.clone();
         let work = move || {
             runtime::realtime::ordinary();
             let mut failed = false;
             while let Ok(progress) = receiver.recv() {
-                match progress.write(&target) {
+                let written = match progress {
+                    Some(progress) => progress.write(&target),
+                    None => file::remove(&target),
+                };
+                match written {
                     Ok(()) => failed = false,
                     Err(error) if !failed => {
                         failed = true;
@@ -172,15 +176,18 @@ impl ProgressWriter {
         Ok(Self { sender: Some(sender), thread: Some(thread), kept: None, kept_ns: 0 })
     }
 
-    /// Queues changed progress, that of an incomplete mission at most four times a second. Never waits.
+    /// Queues changed progress, that of an incomplete mission at most four times a second. Never waits. `None` removes
+    /// what this writer has stored: a mission that never began to move is not left unfinished.
     pub fn store(&mut self, progress: Option<&Progress>, now_ns: u64) {
-        let Some(progress) = progress.filter(|progress| self.kept.as_ref() != Some(progress)) else { return };
-        if !progress.done && now_ns.saturating_sub(self.kept_ns) < PAUSE_NS {
+        if self.kept.as_ref() == progress {
+            return;
+        }
+        if progress.is_some_and(|progress| !progress.done) && now_ns.saturating_sub(self.kept_ns) < PAUSE_NS {
             return;
         }
         if let Some(sender) = &self.sender {
-            match sender.try_send(progress.clone()) {
-                Ok(()) => (self.kept, self.kept_ns) = (Some(progress.clone()), now_ns),
+            match sender.try_send(progress.cloned()) {
+                Ok(()) => (self.kept, self.kept_ns) = (progress.cloned(), now_ns),
                 // The last one is still being written: the next pass tries again.
                 Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
             }

@@ -2,7 +2,8 @@
 
 use crate::world::{World, config, three_lines};
 use messages::{DecodeError, GotoPath, MotorAuthority, OperatorRequest, PlanStatus, Request};
-use planner::{Planner, requests};
+use planner::progress::ProgressWriter;
+use planner::{Planner, Progress, requests};
 use robot_state::Reason;
 use robot_state::answers::detail;
 
@@ -111,4 +112,42 @@ fn a_mission_that_never_moves_leaves_the_one_before_it_to_be_continued() {
     assert_eq!(planner.step(&world.seen()).1.state, PlanStatus::STATE_ABORTED);
     assert_eq!(planner.progress(), begun.as_ref());
     assert!(planner.go_on(&three_lines(), &world.seen()).is_ok());
+}
+
+/// A first mission that never moves leaves nothing that a restarted planner takes for an unfinished mission.
+#[test]
+fn a_first_mission_that_never_moves_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let start = || ProgressWriter::start(folder.path(), "lab").unwrap();
+    let stored = || Progress::load(folder.path(), "lab").unwrap();
+    let (mut world, mut planner, mut keeper) = (World::ready(), Planner::new(config()), start());
+    planner.run(&three_lines(), &world.seen()).unwrap();
+    keeper.store(planner.progress(), 1_000_000_000);
+    let begun = planner.progress().cloned();
+    assert!(begun.is_some());
+    drop(keeper);
+    assert_eq!(stored(), begun);
+    // A planner that remembers nothing leaves the file alone, which may be one that cannot be read.
+    let mut keeper = start();
+    keeper.store(None, 2_000_000_000);
+    drop(keeper);
+    assert_eq!(stored(), begun);
+    let mut keeper = start();
+    keeper.store(planner.progress(), 3_000_000_000);
+    planner.step(&world.seen());
+    world.pass(6.0);
+    assert_eq!(planner.step(&world.seen()).1.state, PlanStatus::STATE_ABORTED);
+    assert_eq!(planner.progress(), None);
+    let until = std::time::Instant::now() + std::time::Duration::from_secs(20);
+    // While the first one is being written, there may be no room; the passes after it try again.
+    while stored().is_some() && std::time::Instant::now() < until {
+        keeper.store(planner.progress(), 3_000_000_001);
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    drop(keeper);
+    assert_eq!(stored(), None);
+    let mut keeper = start();
+    keeper.store(begun.as_ref(), 4_000_000_000);
+    drop(keeper);
+    assert_eq!(stored(), begun);
 }

@@ -396,8 +396,12 @@ fn a_continued_mission_knows_its_earlier_lines_in_the_next_map() {
     assert_eq!(world.fly(&mut planner, until_s).state, PlanStatus::STATE_ABORTED);
     let text = toml::to_string(planner.progress().unwrap()).unwrap();
     let progress: Progress = toml::from_str(&text).unwrap();
+    // Parts that are no plan together: they reach below the ground.
+    let mut broken = progress.before.clone().unwrap();
+    broken.start_m[2] = -5.0;
+    assert!(Plan::new(&broken.mission, &config(), broken.start_m.into(), 0.0, 1).is_err());
     // A file of an earlier version does not have them.
-    for (before, all) in [(progress.before.clone(), true), (None, false)] {
+    for (before, all) in [(progress.before.clone(), true), (None, false), (Some(broken), false)] {
         let mut again = Planner::new(config());
         again.remember(Progress { before, ..progress.clone() });
         world = World { share: world.share, ..World::at(position(&fine, until_s).into()) };

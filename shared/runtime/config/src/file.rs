@@ -142,6 +142,17 @@ pub fn replace(path: &Path, text: &str) -> io::Result<()> {
     File::open(folder_of(path))?.sync_all()
 }
 
+/// Removes a file, if it is there; after the function has returned, a power cut does not bring it back.
+///
+/// # Errors
+/// An error of the operating system.
+pub fn remove(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => File::open(folder_of(path))?.sync_all(),
+    }
+}
+
 /// Returns the folder of a file.
 #[must_use]
 pub fn folder_of(path: &Path) -> &Path {
