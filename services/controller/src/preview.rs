@@ -213,6 +213,8 @@ struct Reading {
     cycle: u64,
     length_m: [f64; MAX_CABLES],
     sampled_ns: [u64; MAX_CABLES],
+    /// The lengths as they were last set, m, as bits; and the epoch, which a set length ends even if it is the same one.
+    zeroed: ([u64; MAX_CABLES], u32),
 }
 
 /// State of the preview law.
@@ -306,9 +308,12 @@ impl Preview {
         self.record_rate(authority);
         let reading_s =
             CableVec::from_fn(n, |i| (state.sampled_ns[i].saturating_sub(began_ns) as f64 * 1e-9).clamp(0.0, period_s));
-        let last = self.last.replace(Reading { cycle, length_m: state.length_m, sampled_ns: state.sampled_ns });
+        let zeroed = (state.zeroed_m.map(f64::to_bits), authority.epoch);
+        let now = Reading { cycle, length_m: state.length_m, sampled_ns: state.sampled_ns, zeroed };
+        let last = self.last.replace(now);
         let good = |last: &Reading| {
             last.cycle + 1 == cycle
+                && last.zeroed == zeroed
                 && (0..n).all(|i| {
                     let passed_s = state.sampled_ns[i].saturating_sub(last.sampled_ns[i]) as f64 * 1e-9;
                     let moved_m = state.length_m[i] - last.length_m[i];

@@ -473,9 +473,9 @@ proptest! {
     }
 }
 
-/// Cables faster than 1 m/s move by more than 10 cm in a cycle of 10 Hz: their model must be compared too.
-#[test]
-fn a_wrong_model_of_fast_cables_is_found_at_every_rate() {
+/// Returns whether the preview law notices that the drives do not follow their model, in ten seconds. `at` returns
+/// command, m/s, and length, m, of all cables at a time; `set`, the lengths as they were set, m, and the epoch.
+fn misfits(period_s: f64, mut at: impl FnMut(f64) -> (f64, f64), set: impl Fn(f64) -> (f64, u32)) -> bool {
     let section = ControllerSection {
         law: ControlLaw::Preview,
         drive_lag_s: Some([0.05, 0.05]),
@@ -483,30 +483,55 @@ fn a_wrong_model_of_fast_cables_is_found_at_every_rate() {
         ..ControllerSection::default()
     };
     let robot = robot(3);
-    for period_s in [0.01, 0.1] {
-        let mut controller = Controller::new(config(robot, Law::from_section(&section).unwrap()));
-        let (mut length_m, mut found) = ([5.0; 8], false);
-        for cycle in 1..(10.0 / period_s) as u64 {
-            // The drives follow 0.4 s late.
-            let command_m_s = |time_s: f64| if time_s.rem_euclid(2.0) < 1.0 { 1.2 } else { -1.6 };
-            let now_s = cycle as f64 * period_s;
-            let header = Header { cycle, seq: cycle, ..Header::at((now_s * 1e9).round() as u64) };
-            length_m = length_m.map(|length_m| length_m + command_m_s(now_s - 0.4) * period_s);
-            let state = MotorState {
-                header,
-                length_m,
-                command_m_s: [command_m_s(now_s); 8],
-                sampled_ns: [header.stamp_ns; 8],
-                fresh: [1; 8],
-                cable_count: 3,
-                ..MotorState::default()
-            };
-            let authority = MotorAuthority { header, period_s, ..authority(cycle, 0.0) };
-            let estimate = NodeEstimate { header, ..estimate(&robot, cycle, from()) };
-            let (authority, state) = (Some(&authority), Some(&state));
-            controller.step(&Inputs { estimates: [Some(&estimate), None], motion: None, authority, state });
-            found |= matches!(controller.notice(), Some(Notice::Misfit { .. }));
-        }
-        assert!(found, "{period_s} s");
+    let mut controller = Controller::new(config(robot, Law::from_section(&section).unwrap()));
+    let mut found = false;
+    for cycle in 1..(10.0 / period_s) as u64 {
+        let now_s = cycle as f64 * period_s;
+        let header = Header { cycle, seq: cycle, ..Header::at((now_s * 1e9).round() as u64) };
+        let ((command_m_s, length_m), (zeroed_m, epoch)) = (at(now_s), set(now_s));
+        let state = MotorState {
+            header,
+            length_m: [length_m; 8],
+            zeroed_m: [zeroed_m; 8],
+            command_m_s: [command_m_s; 8],
+            sampled_ns: [header.stamp_ns; 8],
+            fresh: [1; 8],
+            cable_count: 3,
+            ..MotorState::default()
+        };
+        let authority = MotorAuthority { header, period_s, epoch, ..authority(cycle, 0.0) };
+        let estimate = NodeEstimate { header, ..estimate(&robot, cycle, from()) };
+        let (authority, state) = (Some(&authority), Some(&state));
+        controller.step(&Inputs { estimates: [Some(&estimate), None], motion: None, authority, state });
+        found |= matches!(controller.notice(), Some(Notice::Misfit { .. }));
     }
+    found
+}
+
+/// Cables faster than 1 m/s move by more than 10 cm in a cycle of 10 Hz: their model must be compared too.
+#[test]
+fn a_wrong_model_of_fast_cables_is_found_at_every_rate() {
+    for period_s in [0.01, 0.1] {
+        let mut length_m = 5.0;
+        // The drives follow 0.4 s late.
+        let command_m_s = |time_s: f64| if time_s.rem_euclid(2.0) < 1.0 { 1.2 } else { -1.6 };
+        let late = |now_s: f64| {
+            length_m += command_m_s(now_s - 0.4) * period_s;
+            (command_m_s(now_s), length_m)
+        };
+        assert!(misfits(period_s, late, |_| (5.0, 4)), "{period_s} s");
+    }
+}
+
+/// Lengths that are set while the drives stand are no motion of theirs, at 10 Hz up to 1 m either.
+#[test]
+fn set_lengths_are_no_misfit() {
+    let later = |now_s: f64| now_s > 5.0;
+    let jumps = |now_s: f64| (0.0, if later(now_s) { 5.9 } else { 5.0 });
+    assert!(misfits(0.1, jumps, |_| (5.0, 4)));
+    assert!(!misfits(0.1, jumps, |now_s| (if later(now_s) { 5.9 } else { 5.0 }, 4)));
+    // Set to what they were set to before, each time: only the epoch tells.
+    assert!(!misfits(0.1, jumps, |now_s| (5.9, 4 + u32::from(later(now_s)))));
+    // Lengths that were never set stay unknown.
+    assert!(misfits(0.1, jumps, |_| (f64::NAN, 4)));
 }
