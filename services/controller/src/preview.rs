@@ -213,7 +213,7 @@ struct Reading {
     cycle: u64,
     length_m: [f64; MAX_CABLES],
     sampled_ns: [u64; MAX_CABLES],
-    /// The lengths as they were last set, m, as bits; and the epoch, which a set length ends even if it is the same one.
+    /// The lengths as they were last set, m, as bits; and the epoch, which ends even if the same lengths are set again.
     zeroed: ([u64; MAX_CABLES], u32),
 }
 
