@@ -11,6 +11,9 @@ pub const BRIDGED_CYCLES: u64 = 3;
 /// The same as a time, ns, and the most cycles that it is, at 500 Hz: a clock that stands still bridges no more.
 const BRIDGED_NS: u64 = (BRIDGED_CYCLES as f64 * COUNTED_PERIOD_S * 1e9) as u64;
 const MOST_BRIDGED_CYCLES: u64 = 2 * BRIDGED_CYCLES;
+/// Least period, ns: that of 500 Hz, less what clocks differ by. An instant that stands still, because the estimator
+/// missed cycles or knows no period, is no sign that the cycles were short.
+const LEAST_PERIOD_NS: u64 = 1_900_000;
 
 /// A method of estimation for one cable: computes length and velocity at an instant from readings and commands.
 ///
@@ -100,7 +103,10 @@ impl Instant {
     /// The same for so many times of that.
     pub(crate) fn is_within(&self, times: u64, sampled_ns: u64, cycle: u64) -> bool {
         self.cycle.checked_sub(cycle).is_some_and(|silent| {
-            let short = self.time_ns.saturating_sub(sampled_ns) <= times * BRIDGED_NS;
+            let passed_ns = self.time_ns.saturating_sub(sampled_ns);
+            // A reading may be up to a period later in its cycle than the instant is in its own.
+            let least_ns = silent.saturating_sub(1).saturating_mul(LEAST_PERIOD_NS);
+            let short = (least_ns..=times * BRIDGED_NS).contains(&passed_ns);
             silent <= times * BRIDGED_CYCLES || short && silent <= times * MOST_BRIDGED_CYCLES
         })
     }
@@ -135,4 +141,29 @@ pub struct Measurement {
     pub phi: [f64; 2],
     /// Time of the newest reading that it contains, ns on the monotonic clock.
     pub sampled_ns: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cycles after a reading that are bridged where the instant advances by this much in each, ns.
+    fn bridged(advance_ns: u64) -> u64 {
+        let at = |cycle| Instant { cycle, time_ns: 1_000_000_000 + cycle * advance_ns };
+        (0..20).take_while(|silent| at(100 + silent).bridges(at(100).time_ns, 100)).count() as u64 - 1
+    }
+
+    #[test]
+    fn cycles_count_by_their_time_where_they_are_short() {
+        assert_eq!(bridged(10_000_000), BRIDGED_CYCLES);
+        assert_eq!(bridged(4_000_000), BRIDGED_CYCLES);
+        assert_eq!(bridged(2_000_000), MOST_BRIDGED_CYCLES);
+    }
+
+    #[test]
+    fn an_instant_that_stands_still_makes_no_cycles_short() {
+        assert_eq!(bridged(0), BRIDGED_CYCLES);
+        // Readings of a cycle are apart, so the instant may be some milliseconds after one of them.
+        assert!(!Instant { cycle: 104, time_ns: 5_000_000 }.bridges(0, 100));
+    }
 }
