@@ -32,10 +32,13 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// Learns how long the calls of a cycle usually are from the present one.
+    /// Learns how long the calls of a cycle usually are from the present one. One that is far longer is unusual: taken
+    /// for the usual one, it would excuse a drive that is lost for hundreds of calls.
     pub(super) fn learn_call(&mut self, deadline_ns: u64) {
         let adapted_ns = self.usual_call_ns - self.usual_call_ns / ADAPTING_CALLS;
-        self.usual_call_ns = adapted_ns.max(deadline_ns.saturating_sub(self.call_began_ns));
+        let present_ns = deadline_ns.saturating_sub(self.call_began_ns);
+        let most_ns = if self.usual_call_ns == 0 { present_ns } else { 2 * self.usual_call_ns };
+        self.usual_call_ns = adapted_ns.max(present_ns.min(most_ns));
     }
 
     /// Waits on for an answer that an earlier call left. The cycle of its question is over, so an acknowledgement

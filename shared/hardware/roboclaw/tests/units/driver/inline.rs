@@ -104,6 +104,20 @@ fn a_unit_that_is_always_late_is_not_taken_for_a_busy_computer() {
     }
 }
 
+/// One call with far more time than usual says nothing about the calls after it.
+#[test]
+fn a_long_call_does_not_excuse_a_drive_that_is_silent_after_it() {
+    let mut run = Run::connected(bus_of(&[UnitOptions::new(0x80)]));
+    run.bus.set_inline(true);
+    cycle(&mut run, Drive::Speed(7));
+    run.bus.transport_mut().wait_until(run.tick_ns);
+    run.bus.drive(&[[Drive::Speed(7); 2]], run.tick_ns + 1_000 * MS, &mut run.answers);
+    assert_eq!(run.answers[0].outcome, Ok(()));
+    run.tick_ns += PERIOD_NS;
+    run.bus.transport_mut().silence_until(u64::MAX);
+    assert!(unanswered(&cycle(&mut run, Drive::Speed(7))[0]), "{:?}", run.answers);
+}
+
 /// A cycle that begins late has less time than the drive needs, which is no matter of the drive.
 #[test]
 fn a_cycle_that_begins_late_does_not_blame_a_drive_that_is_in_order() {
