@@ -19,7 +19,7 @@ const SHOWN: usize = 8;
 /// Times in reports are rounded to a tenth of a second: as much later than the last sample is the end of the run, ns.
 const ROUNDED_NS: u64 = 100_000_000;
 
-/// Time after the begin of a fault in which it is stated also if it is over, s.
+/// Time after the failure of a process in which it is stated although no fault is present, s.
 const LATELY_S: f64 = 10.0;
 
 /// A sample of one channel.
@@ -55,7 +55,7 @@ pub struct Snapshot {
     pub at_utc: String,
     /// Control cycle.
     pub cycle: Option<u64>,
-    /// The fault of the instant, or the last one of the ten seconds before, with what the robot did.
+    /// The fault of the instant, or a process that failed in the ten seconds before, with what the robot did.
     pub happened: Option<Incident>,
     /// The processes: the control chain, then the others by name.
     pub processes: Vec<Process>,

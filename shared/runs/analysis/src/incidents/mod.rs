@@ -48,7 +48,7 @@ const AFTERWARDS_S: f64 = 10.0;
 pub struct Incident {
     /// Time since the start of the run, s.
     pub time_s: f64,
-    /// Control cycle; 0 where motor-io did not run.
+    /// Control cycle; 0 for a process that failed without a fault of motor-io.
     pub cycle: u64,
     /// What failed, a clause for each fault.
     pub faults: Vec<String>,
@@ -68,6 +68,9 @@ struct FaultFact {
     time_s: f64,
     /// The cycle, with the new faults only.
     authority: MotorAuthority,
+    /// Which process, drive unit or cable each fault names. The processes are those of that time: another one may be
+    /// in the slot later.
+    subjects: Vec<(u32, String)>,
     /// Mode of the cycle before.
     before: u8,
     /// When all cables stood, s since the start of the run; `None`: they stood already, or it is not recorded.
@@ -81,6 +84,8 @@ struct RequestFact {
     /// Who asked for what.
     clause: String,
     is_estop: bool,
+    /// The process that was ended or suspended.
+    of_process: Option<String>,
 }
 
 /// The end or the silence of a process.
@@ -101,6 +106,8 @@ pub struct Incidents {
     timeline: Timeline,
     /// Name of the newest process of each role and slot.
     names: BTreeMap<(String, u8), String>,
+    /// Role of each process.
+    roles: BTreeMap<String, String>,
     /// State and restarts of each process.
     states: BTreeMap<String, (u8, u32)>,
     last: Option<MotorAuthority>,
@@ -117,15 +124,18 @@ impl Incidents {
         let before = last.map_or(authority.mode, |last| last.mode);
         let fresh = authority.faults & !last.map_or(0, |last| last.faults);
         let stops = authority.mode == MotorAuthority::MODE_EMERGENCY_STOP && before != authority.mode;
-        if (fresh != 0 || stops) && self.faults.len() < MAX_FACTS {
-            let authority = MotorAuthority { faults: fresh, ..*authority };
-            self.faults.push(FaultFact { time_s, authority, before, rest_s: None });
-            self.moves = moving == Some(true);
-        } else if self.moves && moving == Some(false) {
+        if self.moves && moving == Some(false) {
             self.moves = false;
             if let Some(fault) = self.faults.last_mut() {
                 fault.rest_s = Some(time_s);
             }
+        }
+        if (fresh != 0 || stops) && self.faults.len() < MAX_FACTS {
+            let authority = MotorAuthority { faults: fresh, ..*authority };
+            let bits = FAULTS.iter().map(|fault| fault.bit).filter(|bit| fresh & bit != 0);
+            let subjects = bits.filter_map(|bit| Some((bit, self.subject(&authority, bit)?))).collect();
+            self.faults.push(FaultFact { time_s, authority, subjects, before, rest_s: None });
+            self.moves = moving == Some(true);
         }
     }
 
@@ -146,7 +156,9 @@ impl Incidents {
         let who = Some(text_of(&request.requester)).filter(|name| !name.is_empty());
         let who = who.unwrap_or_else(|| "an operator".to_owned());
         let what = if is_estop { "an emergency stop".to_owned() } else { format!("the fault \"{text}\"") };
-        self.requests.push(RequestFact { time_s, clause: format!("{who} asked for {what}"), is_estop });
+        let of_process = ["kill ", "stop "].iter().find_map(|word| text.strip_prefix(word)).map(str::to_owned);
+        let clause = format!("{who} asked for {what}");
+        self.requests.push(RequestFact { time_s, clause, is_estop, of_process: of_process.filter(|_| !is_estop) });
     }
 
     /// Records a row of the process table.
@@ -155,6 +167,7 @@ impl Incidents {
         if process.pid != 0 {
             self.names.insert((role.clone(), process.slot), name.clone());
         }
+        self.roles.insert(name.clone(), role.clone());
         let now = (process.state, process.restarts);
         let is_new = self.states.insert(name.clone(), now) != Some(now);
         let failed = match process.state {
@@ -170,6 +183,14 @@ impl Incidents {
     /// Returns the incidents in the order of time, and the number of those beyond the limit.
     #[must_use]
     pub fn all(&self) -> (Vec<Incident>, usize) {
+        let mut incidents = self.every();
+        let left_out = incidents.len().saturating_sub(MAX_INCIDENTS);
+        incidents.truncate(MAX_INCIDENTS);
+        (incidents, left_out)
+    }
+
+    /// Returns the incidents in the order of time, also those beyond the limit of a list.
+    fn every(&self) -> Vec<Incident> {
         let mut told = vec![false; self.processes.len()];
         let mut groups: Vec<Vec<&FaultFact>> = Vec::new();
         for fault in &self.faults {
@@ -185,9 +206,7 @@ impl Incidents {
         let alone = self.processes.iter().zip(told).filter(|(_, told)| !told);
         incidents.extend(alone.map(|(process, _)| self.of_process(process)));
         incidents.sort_by(|one, other| one.time_s.total_cmp(&other.time_s));
-        let left_out = incidents.len().saturating_sub(MAX_INCIDENTS);
-        incidents.truncate(MAX_INCIDENTS);
-        (incidents, left_out)
+        incidents
     }
 
     /// Describes faults that came together, until the next ones; marks the processes that they name.
@@ -196,7 +215,7 @@ impl Incidents {
         let (mut faults, mut of, mut causes) = (Vec::new(), Vec::new(), Vec::new());
         for fact in group {
             for fault in FAULTS.iter().filter(|fault| fact.authority.faults & fault.bit != 0) {
-                let subject = self.subject(&fact.authority, fault.bit);
+                let subject = fact.subjects.iter().find(|(bit, _)| *bit == fault.bit).map(|(_, name)| name.clone());
                 let place = subject.as_ref().map_or_else(String::new, |subject| format!(" ({subject})"));
                 faults.push(format!("{}{place}", fault.clause));
                 of.extend(subject.filter(|subject| !of.contains(subject)));
@@ -212,33 +231,56 @@ impl Incidents {
             }
         }
         let is_estop = first.authority.faults == 0;
-        if is_estop && faults.is_empty() {
-            faults.push("it was put into emergency stop".to_owned());
+        if is_estop {
+            faults.insert(0, "it was put into emergency stop".to_owned());
         }
         // The answer is recorded shortly after its effect.
         let after_s = if is_estop { TOGETHER_S } else { ANSWERED_S };
         let recent = first.time_s - ASKED_BEFORE_S..=first.time_s + after_s;
         let mut asked = self.requests.iter().rev().filter(|asked| asked.is_estop == is_estop);
-        let asked = asked.find(|asked| recent.contains(&asked.time_s));
+        let asked = asked.find(|asked| recent.contains(&asked.time_s) && self.may_cause(asked, group));
         causes.extend(asked.map(|asked| asked.clause.clone()));
         causes.dedup();
-        let rest_s = group.iter().rev().find_map(|fact| fact.rest_s).filter(|rest_s| *rest_s < end_s);
+        let rest_s = group.iter().rev().find_map(|fact| fact.rest_s).filter(|rest_s| *rest_s <= end_s);
         let released = self.released(group);
         let (from_s, before) = (first.time_s, first.before);
-        let did = self.timeline.steps(&Aftermath { from_s, end_s, before, rest_s, released: &released });
+        let within_s = f64::INFINITY;
+        let did = self.timeline.steps(&Aftermath { from_s, end_s, within_s, before, rest_s, released: &released });
         let cycle = first.authority.header.cycle;
         Incident { time_s: from_s, cycle, faults, of, causes, did, sentence: String::new() }.said(before)
+    }
+
+    /// Returns whether a request may be the cause of faults: that to end or suspend a process, only of what that process
+    /// does. A suspended motor-io is late in everything.
+    fn may_cause(&self, asked: &RequestFact, group: &[&FaultFact]) -> bool {
+        let Some(name) = &asked.of_process else { return true };
+        let role = self.roles.get(name).map_or(name.as_str(), String::as_str);
+        let bits = group.iter().fold(0, |bits, fact| bits | fact.authority.faults);
+        let of_role = FAULTS.iter().any(|fault| bits & fault.bit != 0 && roles_of(fault.bit).contains(&role));
+        let of_box = role == "motor-box" && bits & OF_UNITS != 0;
+        let of_supervisor = role == "supervisor" && bits & MotorAuthority::FAULT_SUPERVISOR_LOST != 0;
+        let process = format!("process {name}");
+        let names = |subject: &str| {
+            subject.strip_prefix(&process).is_some_and(|rest| rest.is_empty() || rest.starts_with(" in slot"))
+        };
+        let named = group.iter().flat_map(|fact| &fact.subjects).any(|(_, subject)| names(subject));
+        role == "motor-io" || of_role || of_box || of_supervisor || named
     }
 
     /// Describes a process that failed without a fault of motor-io.
     fn of_process(&self, process: &ProcessFact) -> Incident {
         let (from_s, before) = (process.time_s, self.timeline.mode_at(process.time_s));
         let recent = process.time_s - ASKED_BEFORE_S..=process.time_s;
-        let asked = self.requests.iter().rev().find(|asked| !asked.is_estop && recent.contains(&asked.time_s));
+        let mut asked = self.requests.iter().rev().filter(|asked| !asked.is_estop && recent.contains(&asked.time_s));
+        let of_it = |name: &String| *name == process.name;
+        let asked = asked.find(|asked| asked.of_process.as_ref().is_none_or(of_it));
         let causes = asked.map(|asked| asked.clause.clone()).into_iter().collect();
         let next = self.faults.iter().find(|fault| fault.time_s > process.time_s);
         let end_s = next.map_or(f64::INFINITY, |fault| fault.time_s);
-        let did = self.timeline.steps(&Aftermath { from_s, end_s, before, rest_s: None, released: &[] });
+        // The drives stand until motor-io runs again, however long that takes; later changes of the mode have nothing to
+        // do with the end of any other process.
+        let within_s = if process.role == "motor-io" { f64::INFINITY } else { REPORTED_AFTER_S };
+        let did = self.timeline.steps(&Aftermath { from_s, end_s, within_s, before, rest_s: None, released: &[] });
         let (faults, of) = (vec![process.clause.clone()], vec![format!("process {}", process.name)]);
         Incident { time_s: from_s, cycle: 0, faults, of, causes, did, sentence: String::new() }.said(before)
     }
@@ -349,7 +391,7 @@ pub fn until(run: &Path, at_ns: u64) -> Answer<Vec<Incident>> {
         tracker.record(&recorded, &mut |cycle: &Cycle<'_>| incidents.of_cycle(&time, cycle));
     }
     tracker.finish(&mut |cycle: &Cycle<'_>| incidents.of_cycle(&time, cycle));
-    let (mut found, _) = incidents.all();
+    let mut found = incidents.every();
     found.retain(|incident| incident.time_s <= time.logged_s(at_ns));
     Ok(found)
 }

@@ -42,6 +42,8 @@ pub(super) struct Aftermath<'a> {
     pub(super) from_s: f64,
     /// Time of the next fault, s since the start of the run.
     pub(super) end_s: f64,
+    /// Time after the begin in which the mode changes if the fault has an effect on it, s.
+    pub(super) within_s: f64,
     /// Mode before it.
     pub(super) before: u8,
     /// When all cables stood, s since the start of the run.
@@ -74,7 +76,7 @@ impl Timeline {
 
     /// Returns what the robot did until it moved again, was disarmed or had the next fault.
     pub(super) fn steps(&self, after: &Aftermath<'_>) -> Vec<Step> {
-        let &Aftermath { from_s, end_s, mut before, .. } = after;
+        let &Aftermath { from_s, end_s, within_s, mut before, .. } = after;
         let mut did = Vec::new();
         for charge in self.charges.iter().filter(|one| one.time_s < end_s) {
             if (from_s - SWAPS_S[0]..=from_s + SWAPS_S[1]).contains(&charge.time_s) {
@@ -84,7 +86,12 @@ impl Timeline {
                 did.push(Step { time_s, what });
             }
         }
-        for &(time_s, mode) in self.modes.iter().filter(|(time_s, _)| (from_s..end_s).contains(time_s)) {
+        let mut changes = self.modes.iter().filter(|(time_s, _)| (from_s..end_s).contains(time_s)).peekable();
+        if changes.peek().is_none_or(|(time_s, _)| *time_s > from_s + within_s) {
+            did.push(Step { time_s: from_s, what: unchanged(before).to_owned() });
+            return did;
+        }
+        for &(time_s, mode) in changes {
             let restarted = self.lives.contains(&time_s);
             let what = if restarted { restarted_words(time_s, mode) } else { words(after, before, time_s, mode) };
             did.push(Step { time_s, what });
@@ -93,9 +100,6 @@ impl Timeline {
                 return did;
             }
             before = mode;
-        }
-        if did.iter().all(|step| step.what.starts_with("used")) {
-            did.push(Step { time_s: from_s, what: unchanged(before).to_owned() });
         }
         did
     }

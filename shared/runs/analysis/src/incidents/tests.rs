@@ -160,4 +160,61 @@ fn a_restart_of_motor_io_is_told_and_the_list_is_bounded() {
     }
     let (all, left_out) = incidents.all();
     assert_eq!((all.len(), left_out), (MAX_INCIDENTS, 6));
+    assert_eq!(incidents.every().len(), MAX_INCIDENTS + 6);
+}
+
+#[test]
+fn a_process_without_effect_on_the_mode_lets_the_robot_go_on() {
+    let mut incidents = Incidents::default();
+    fly(&mut incidents, [0.0, 30.0], FOLLOWING, 0, 99.0);
+    row(&mut incidents, 10.0, "soil", "sensor", ProcessState::STATE_DIED, "was ended by signal 9");
+    // Another process was ended on request.
+    asks(&mut incidents, 9.0, RequestBody::VERB_FAULT, "kill recorder");
+    fly(&mut incidents, [30.0, 40.0], HOLDING, 0, 0.0);
+    assert_eq!(
+        one(&incidents).sentence,
+        "At 10.00 s, while the robot followed its motion, soil was ended by signal 9: the robot went on with its motion."
+    );
+}
+
+#[test]
+fn a_fault_names_the_process_of_its_time_and_not_a_later_one() {
+    let mut incidents = Incidents::default();
+    row(&mut incidents, 0.0, "law1", "controller", ProcessState::STATE_READY, "");
+    fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);
+    asks(&mut incidents, 0.9, RequestBody::VERB_FAULT, "stop law1");
+    fly(&mut incidents, [1.0, 2.0], STOPPING, MotorAuthority::FAULT_COMMAND_LOST, 0.0);
+    row(&mut incidents, 9.0, "law2", "controller", ProcessState::STATE_READY, "");
+    let found = one(&incidents);
+    assert_eq!(found.of, ["process law1 in slot a"]);
+    assert_eq!(found.causes, ["ada asked for the fault \"stop law1\""]);
+}
+
+#[test]
+fn a_request_for_another_process_is_no_cause_and_an_emergency_stop_is_said_with_the_fault_after_it() {
+    let mut incidents = Incidents::default();
+    fly(&mut incidents, [0.0, 2.0], FOLLOWING, 0, 99.0);
+    asks(&mut incidents, 1.0, RequestBody::VERB_FAULT, "kill recorder");
+    fly(&mut incidents, [2.0, 3.0], FAULTED, MotorAuthority::FAULT_LOST_UNIT, 0.0);
+    assert!(one(&incidents).causes.is_empty());
+
+    let mut incidents = Incidents::default();
+    fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);
+    asks(&mut incidents, 1.0, RequestBody::VERB_ESTOP, "");
+    let stopped = MotorAuthority::MODE_EMERGENCY_STOP;
+    fly(&mut incidents, [1.0, 1.5], stopped, 0, 9.0);
+    fly(&mut incidents, [1.5, 2.0], stopped, MotorAuthority::FAULT_SLACK, 0.0);
+    let found = one(&incidents);
+    assert_eq!((found.faults.len(), found.faults[0].as_str()), (2, "it was put into emergency stop"));
+}
+
+#[test]
+fn a_fault_in_the_cycle_in_which_the_cables_come_to_rest_leaves_the_first_one_its_rest() {
+    let mut incidents = Incidents::default();
+    fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);
+    let lost = MotorAuthority::FAULT_LOST_UNIT;
+    fly(&mut incidents, [1.0, 3.0], FAULTED, lost, 3.0);
+    fly(&mut incidents, [3.0, 4.0], FAULTED, lost | MotorAuthority::FAULT_SLACK, 3.0);
+    let (all, _) = incidents.all();
+    assert!(all[0].sentence.ends_with("(the cables stood 2.00 s later)."), "{}", all[0].sentence);
 }
