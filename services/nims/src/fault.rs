@@ -389,27 +389,29 @@ fn to_process(link: &RobotLink, word: &str, signal: Signal, name: &str, seconds:
     test_kill_process(pid).map_err(Failure::not_now)?;
     // The supervisor may be the process that cannot answer afterwards, or that could not before.
     let continues = signal == Signal::CONT;
-    if !continues {
-        put_on_record(link, word, name);
-    }
+    let mut record = if continues { String::new() } else { put_on_record(link, word, name) };
     kill_process(pid, signal).map_err(Failure::not_now)?;
     if continues {
-        put_on_record(link, word, name);
+        record = put_on_record(link, word, name);
     }
     let mut sentence = format!("done: {word} {name} (process {number})");
     if let Some(seconds) = seconds {
         std::thread::sleep(Duration::from_secs_f64(seconds));
         kill_process(pid, Signal::CONT).map_err(Failure::not_now)?;
-        put_on_record(link, "continue", name);
+        record.push_str(&put_on_record(link, "continue", name));
         let _ = write!(sentence, ", which went on after {seconds} s");
     }
-    Ok(sentence)
+    Ok(sentence + &record)
 }
 
 /// Records a fault of a process on `operator/request`, by the supervisor. Without one the fault is not on record, and
-/// happens all the same.
-fn put_on_record(link: &RobotLink, word: &str, name: &str) {
-    let _ = client::send(link, client::SUPERVISOR, &Request::Fault { text: format!("{word} {name}") });
+/// happens all the same: returns what to say then, otherwise nothing.
+fn put_on_record(link: &RobotLink, word: &str, name: &str) -> String {
+    let request = Request::Fault { text: format!("{word} {name}") };
+    match client::send(link, client::SUPERVISOR, &request) {
+        Ok(_) => String::new(),
+        Err(error) => format!("; {word} {name} is not on record: {error}"),
+    }
 }
 
 #[cfg(test)]
