@@ -250,8 +250,8 @@ impl Incidents {
         Incident { time_s: from_s, cycle, faults, of, causes, did, sentence: String::new() }.said(before)
     }
 
-    /// Returns whether a request may be the cause of faults: that to end or suspend a process, only of what that process
-    /// does. A suspended motor-io is late in everything.
+    /// Returns whether a request may be the cause of faults: that to end or suspend a process, only of what that
+    /// process does. A suspended motor-io is late in everything.
     fn may_cause(&self, asked: &RequestFact, group: &[&FaultFact]) -> bool {
         let Some(name) = &asked.of_process else { return true };
         let role = self.roles.get(name).map_or(name.as_str(), String::as_str);
@@ -277,8 +277,8 @@ impl Incidents {
         let causes = asked.map(|asked| asked.clause.clone()).into_iter().collect();
         let next = self.faults.iter().find(|fault| fault.time_s > process.time_s);
         let end_s = next.map_or(f64::INFINITY, |fault| fault.time_s);
-        // The drives stand until motor-io runs again, however long that takes; later changes of the mode have nothing to
-        // do with the end of any other process.
+        // The drives stand until motor-io runs again, however long that takes; later changes of the mode have nothing
+        // to do with the end of any other process.
         let within_s = if process.role == "motor-io" { f64::INFINITY } else { REPORTED_AFTER_S };
         let did = self.timeline.steps(&Aftermath { from_s, end_s, within_s, before, rest_s: None, released: &[] });
         let (faults, of) = (vec![process.clause.clone()], vec![format!("process {}", process.name)]);
