@@ -622,6 +622,8 @@ def _whole(value, kind, name):
 def _fill(array, values, name):
     """Copies values into an array of a sample: at once for bytes and arrays of the same type (numpy, array, ctypes)."""
     kind = array._type_
+    if getattr(values, "ndim", 1) > 1 and hasattr(values, "ravel"):
+        values = values.ravel()  # a part of an array, a transposed one or one of another byte order has no plain memory
     try:
         view = memoryview(values)
     except TypeError:

@@ -43,6 +43,11 @@ def check_numbers():
     sensor._message, sensor._kinds, sensor._way = Counts, dict(Counts._fields_), Kept()
     sent = sensor.send(value=np.float32(1.5), count=np.int64(255), offset=-32768, steps=np.array([[1, -2], [3, 32767]]))
     assert (sent.value, sent.count, sent.offset, list(sent.steps)) == (1.5, 255, -32768, [1, -2, 3, 32767])
+    image = np.arange(16).reshape(4, 4)
+    small = image.astype(np.int16)  # of the type of the field
+    odd = [(small[::2, ::2], [0, 2, 8, 10]), (small[:2, :2].T, [0, 4, 1, 5]), (small[:2, :2].astype(">i2"), [0, 1, 4, 5])]
+    for given, kept in (*odd, (image[::2, ::2], [0, 2, 8, 10]), (image[:2, :2].T, [0, 4, 1, 5]), (image[:2, :2].astype(">i4"), [0, 1, 4, 5])):
+        assert list(sensor.send(value=0.0, count=0, offset=0, steps=given).steps) == kept, given
     # ctypes would keep the lowest bits: 44, -25536 and 1.
     for field, wrong in (("count", 300), ("count", -1), ("offset", 40000), ("steps", [0, 65537]), ("steps", np.array([40000]))):
         try:
@@ -140,8 +145,10 @@ def check_lists(path):
 def check_units():
     units = {
         "length_m_2": "m", "stamp_ns": "ns", "rate_deg_s": "deg/s", "stiffness_n_m": "N/m", "flux_w_m2": "W/m2", "force_constant_n_a": "N/A",
-        "expansion_per_k": "1/K", "speed_mm_s": "mm/s", "temperature_deg_c": "degC", "knot_s_m": "m",
+        "expansion_per_k": "1/K", "speed_mm_s": "mm/s", "temperature_deg_c": "degC", "knot_s_m": "m", "knot_v_m_s": "m/s",
+        "feed_m_per_s": "m/s", "pole_m": "m",
         # No unit is better than one of its parts.
+        "ramp_v_s": "", "gain_v_per_m": "", "charge_a_s": "", "drop_ohm_a": "", "drift_hz_s": "", "scale_counts_per_m": "",
         "flow_l_s": "", "inertia_kg_m2": "", "name": "",
     }
     for name, unit in units.items():

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 # How the names of fields end, and what a column of that name is in; the longest end counts.
 UNITS = {
-    "_n_s2_m2": "N s2/m2", "_n_s_m": "N s/m", "_counts_s": "1/s", "_per_m": "1/m", "_per_s": "1/s", "_m_s2": "m/s2", "_m_s": "m/s", "_m2": "m2",
+    "_n_s2_m2": "N s2/m2", "_n_s_m": "N s/m", "_counts_s": "1/s", "_m_per_s": "m/s", "_per_m": "1/m", "_per_s": "1/s", "_m_s2": "m/s2", "_m_s": "m/s", "_m2": "m2",
     "_rad_s2": "rad/s2", "_rad_s": "rad/s", "_deg_s2": "deg/s2", "_deg_s": "deg/s", "_mm_s": "mm/s", "_n_m": "N/m", "_w_m2": "W/m2", "_kg_m3": "kg/m3",
     "_kg_m": "kg/m", "_n_a": "N/A", "_nm_a": "N m/A", "_per_k": "1/K", "_deg_c": "degC", "_percent": "%", "_counts": "counts", "_bytes": "bytes", "_deg": "deg", "_rad": "rad", "_ohm": "ohm", "_pa": "Pa", "_hz": "Hz", "_kg": "kg",
     "_ns": "ns", "_ms": "ms", "_us": "us", "_nm": "N m", "_m": "m", "_s": "s", "_n": "N", "_a": "A", "_v": "V", "_w": "W", "_j": "J", "_c": "degC", "_k": "K",
 }
 # Units that, before another one, are a part of a unit that is not in the list above.
-PARTS = {"deg", "rad", "mm", "cm", "um", "km", "n", "kn", "kg", "g", "mg", "w", "j", "l", "ml", "nm", "pa", "kpa", "hpa", "ma", "mv", "percent", "per"}
+PARTS = {"m", "s", "v", "a", "hz", "ohm", "counts", "deg", "rad", "mm", "cm", "um", "km", "n", "kn", "kg", "g", "mg", "w", "j", "l", "ml", "nm", "pa", "kpa", "hpa", "ma", "mv", "percent", "per"}
 CAUSES = ("computer", "drive", "resync", "answer")
 # Least speed of a setpoint that moves, m/s, as in `nims report`: slower ones are the ends of a profile.
 MOVING_M_S = 1e-3
@@ -40,7 +40,8 @@ def unit_of(column: str) -> str:
     name = re.sub(r"(_\d+)+$", "", column.rstrip("_"))
     end = max((end for end in UNITS if name.endswith(end)), key=len, default="")
     before = name.removesuffix(end).rpartition("_")[2]
-    return UNITS[end] if end and before not in PARTS else ""
+    # The knots of a profile are named by the symbols s and v.
+    return UNITS[end] if end and (before not in PARTS or name.startswith("knot_")) else ""
 
 
 class Run(_Run):  # type: ignore[misc]

@@ -63,6 +63,12 @@ fn a_new_law_and_a_new_estimator_in_python_fly_unchanged() {
     assert_eq!(both.len(), 2);
     assert_eq!((&both[0]["tracking"], &both[0]["energy_j"]), (&both[1]["tracking"], &both[1]["energy_j"]));
 
+    let spaced = folder.join("my laws");
+    std::fs::create_dir(&spaced).unwrap();
+    assert!(answer(&spaced, &["new-law", "mine"])["process"].is_null(), "no section that would not start");
+    let said = nims(&spaced, &["new-estimator", "other"]).stdout;
+    assert!(String::from_utf8_lossy(&said).contains("without spaces"));
+
     // The module that is there may have been changed.
     let written = answer(folder, &["new-estimator", "mine", "--python"]);
     assert_eq!(written["written"], serde_json::json!(["mine.py", "nims_estimator.py"]));

@@ -34,6 +34,7 @@ impl Machine {
         let machine = Self { folder: tempfile::tempdir().unwrap() };
         fs::create_dir_all(machine.path("run/systemd/system")).unwrap();
         fs::create_dir_all(machine.path("proc")).unwrap();
+        fs::create_dir_all(machine.path("var/lib")).unwrap();
         for kind in ["systems", "robots", "missions", "sensors", "ground"] {
             let example = machine.path("usr/share/nims").join(kind).join("any.toml");
             fs::create_dir_all(example.parent().unwrap()).unwrap();
@@ -122,9 +123,16 @@ impl Machine {
     /// Runs a script of a package, whose paths are below the folder.
     fn script(&self, name: &str, words: &[&str]) -> Output {
         let mut text = fs::read_to_string(host("debian").join(name)).unwrap().replace("@VERSION@", NEW);
-        for folder in
-            ["/usr/lib/nims", "/opt/nims", "/run/systemd", "/run/udev", "/run/nims-page", "/etc/sudoers.d", "/proc"]
-        {
+        for folder in [
+            "/usr/lib/nims",
+            "/opt/nims",
+            "/run/systemd",
+            "/run/udev",
+            "/var/lib/nims-page",
+            "/etc/systemd",
+            "/etc/sudoers.d",
+            "/proc",
+        ] {
             text = text.replace(folder, self.path(&folder[1..]).to_str().unwrap());
         }
         let script = self.path("script");
@@ -365,6 +373,9 @@ fn the_page_of_a_robot_that_runs_comes_back_after_its_removal() {
         let asked = machine.asked();
         asked.into_iter().filter(|line| line.starts_with("systemctl start")).collect::<Vec<_>>()
     };
+    let wants = machine.path("etc/systemd/system/multi-user.target.wants");
+    fs::create_dir_all(&wants).unwrap();
+    symlink("/lib/systemd/system/nims-page@.service", wants.join("nims-page@enabled.service")).unwrap();
     // As systemctl lists those that run.
     let cases = [
         (["configure", NEW], vec!["lab", r"far\x2driver"]),
@@ -381,8 +392,21 @@ fn the_page_of_a_robot_that_runs_comes_back_after_its_removal() {
         assert!(place("systemctl list-units") < place("systemctl stop nims-page@*.service"), "{asked:?}");
         let expected: Vec<_> = running.iter().map(|name| format!("systemctl start nims-page@{name}.service")).collect();
         assert_eq!(started(&words), expected);
+        assert!(machine.script("page/prerm", &["upgrade", NEW]).status.success());
         assert_eq!(started(&["configure", NEW]), Vec::<String>::new(), "an upgrade of the page alone");
     }
+    // Packages before there was a list ended the pages without one.
+    assert_eq!(started(&["configure", OLD]), ["systemctl start nims-page@enabled.service"]);
+    // A removal that is repeated after an interruption finds nothing that runs.
+    fs::write(machine.path("units"), "nims-page@lab.service loaded active running nims\n").unwrap();
+    remove();
+    fs::write(machine.path("units"), "").unwrap();
+    remove();
+    machine.asked();
+    assert_eq!(started(&["configure", NEW]), ["systemctl start nims-page@lab.service"]);
+    fs::write(machine.path("var/lib/nims-page.ended"), "").unwrap();
+    assert!(machine.script("page/postrm", &["purge"]).status.success());
+    assert!(!machine.path("var/lib/nims-page.ended").exists());
     machine.ends(10);
     machine.ends(11);
     remove();

@@ -118,6 +118,10 @@ fn the_report_has_the_values_of_each_definition_and_the_last_silence() {
     assert_eq!(gaps("sensor/probe", 0), [1.0, 20.0, 20.0].map(Some));
     assert_eq!(gaps("sensor/lost", 0), [1.0, 30.0, 30.0].map(Some));
     assert_eq!(gaps("sensor/front/left", 1), [Some(0.0), None, Some(0.0)]);
+    // What a sensor is no more is not silent: the second definition ended at 40 s, and metres at 30 s.
+    for (channel, value) in [("sensor/probe", 1), ("sensor/probe", 2), ("sensor/front/left", 0)] {
+        assert_eq!(gaps(channel, value), [Some(0.0), None, Some(0.0)], "{channel} {value}");
+    }
 }
 
 #[test]
@@ -172,6 +176,12 @@ fn values_of_another_definition_or_unit_have_a_map_of_their_own() {
     }
     // One sensor is asked for with all that it was.
     let output =
-        map(&Args { sensor: vec!["probe".to_owned()], out: Some(folder.path().join("probe")), ..all }).unwrap();
+        map(&Args { sensor: vec!["probe".to_owned()], out: Some(folder.path().join("probe")), ..all.clone() }).unwrap();
     assert_eq!(output.value["maps"].as_array().unwrap().len(), 2);
+    // Or with one of these, by the name of the files and of the output.
+    let one = |name: &str| map(&Args { sensor: vec![name.to_owned()], sigma: Some(0.25), ..all.clone() });
+    let maps = one("probe@2").unwrap().value["maps"].clone();
+    assert_eq!((maps.as_array().unwrap().len(), maps[0]["sensor"].as_str()), (1, Some("probe@2")));
+    assert_eq!(maps[0]["noise"], 0.25, "an option holds for it too");
+    assert!(one("probe@3").is_err());
 }

@@ -148,11 +148,16 @@ pub fn new_program(kind: Kind, asked: &Args) -> Answer<Output> {
     };
     let process = process(role, name, asked.rust)?;
     let swap = format!("nims swap {role} {name}");
-    let words = format!(
-        "{words}\non a robot, in a copy of its system file:\n  {}\nand while it moves:\n  {swap}",
-        process.join("\n  ")
-    );
-    Ok(Output::new(json!({ "written": files, "next": next.1, "process": process.join("\n"), "swap": swap }), words))
+    let robot = match &process {
+        Some(lines) => {
+            format!("in a copy of its system file:\n  {}\nand while it moves:\n  {swap}", lines.join("\n  "))
+        }
+        None => "it starts only from a folder without spaces in its path, because its command is split at spaces: move the files to one"
+            .to_owned(),
+    };
+    let process = process.map(|lines| lines.join("\n"));
+    let words = format!("{words}\non a robot, {robot}");
+    Ok(Output::new(json!({ "written": files, "next": next.1, "process": process, "swap": swap }), words))
 }
 
 /// Returns when to use the next commands, and the commands.
@@ -174,22 +179,26 @@ fn next(kind: Kind, name: &str, rust: bool) -> (&'static str, Vec<String>) {
     (when, build.into_iter().chain(own).collect())
 }
 
-/// Returns the section of a system file that starts it beside the standard process of its role.
-fn process(role: &str, name: &str, rust: bool) -> Answer<Vec<String>> {
+/// Returns the section of a system file that starts it beside the standard process of its role; `None` for a Python file
+/// in a folder with spaces, because `--program` is split at them and knows no quotes.
+fn process(role: &str, name: &str, rust: bool) -> Answer<Option<Vec<String>>> {
     let here = std::env::current_dir().map_err(Failure::not_now)?;
     let command = if rust {
         format!("[{:?}]", here.join(name).join("target/debug").join(name).display().to_string())
     } else {
-        let script = here.join(format!("{name}.py"));
-        format!("[{role:?}, \"--program\", {:?}]", format!("python3 {}", script.display()))
+        let script = here.join(format!("{name}.py")).display().to_string();
+        if script.contains(char::is_whitespace) {
+            return Ok(None);
+        }
+        format!("[{role:?}, \"--program\", {:?}]", format!("python3 {script}"))
     };
-    Ok(vec![
+    Ok(Some(vec![
         "[[process]]".to_owned(),
         format!("name = {name:?}"),
         format!("role = {role:?}"),
         "slot = \"b\"".to_owned(),
         format!("command = {command}"),
-    ])
+    ]))
 }
 
 /// Writes a Python file, and beside it the modules that it imports, unless they are there.

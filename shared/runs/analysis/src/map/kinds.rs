@@ -49,7 +49,8 @@ pub(super) fn sensor_of(kind: &str) -> &str {
     kind.split_once('@').map_or(kind, |(sensor, _)| sensor)
 }
 
-/// Returns the beginning of the names of a kind's files: those of sensors may have slashes.
+/// Returns the beginning of the names of a kind's files: those of sensors may have slashes, and have no dots
+/// (`bus::is_channel_name`), so no two kinds have the same files.
 pub(super) fn file_name(kind: &str) -> String {
     kind.replace('/', ".")
 }

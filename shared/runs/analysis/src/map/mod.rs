@@ -33,14 +33,14 @@ use std::path::{Path, PathBuf};
 use survey::grid::{GridMap, GridOptions, GridSpec};
 
 /// `nims map`.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 pub struct Args {
     /// Run folder or file.
     pub run: PathBuf,
     /// Folder for the files; default: map in the run folder, or in the folder of the run file.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Only this sensor, NAME of sensor/NAME. Repeatable.
+    /// Only this sensor, NAME of sensor/NAME, or NAME@2 of its second quantity, unit or type. Repeatable.
     #[arg(long, value_name = "NAME")]
     pub sensor: Vec<String>,
     /// Side of a cell, m; default: a round size with about 80 cells along the longer side.
@@ -92,12 +92,13 @@ pub fn run(args: &Args) -> Answer<Output> {
     let globe = robot.site.as_ref().map(Globe::new);
     override_settings(&mut config, args);
     let chosen = |name: &str, sample: &Sample| {
-        (args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == sensor_of(name)))
+        (args.sensor.is_empty() || args.sensor.iter().any(|wanted| wanted == name || wanted == sensor_of(name)))
             .then(|| is_between(args, config.plane.across(sample.position_m)))
     };
     let wanted = if args.recompute { Wanted::Computed } else { Wanted::All };
     let (extents, flown) = extents_of(&args.run, &config, wanted, &chosen)?;
-    if let Some(absent) = args.sensor.iter().find(|name| !flown.sensors.contains(name)) {
+    if let Some(absent) = args.sensor.iter().find(|name| !flown.sensors.contains(name) && !extents.contains_key(*name))
+    {
         let there = if flown.sensors.is_empty() { "none".to_owned() } else { flown.sensors.join(", ") };
         return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
     }
@@ -192,8 +193,7 @@ fn is_between(args: &Args, across_m: f64) -> bool {
 
 /// Overrides the settings of the system file with the command's arguments.
 fn override_settings(config: &mut LoggerConfig, args: &Args) {
-    let names = if args.sensor.is_empty() { Vec::new() } else { args.sensor.clone() };
-    for name in names {
+    for name in args.sensor.iter().map(|name| sensor_of(name).to_owned()) {
         let mut section = config.sensor(&name).map_or_else(Default::default, |sensor| sensor.section);
         section.name.clone_from(&name);
         section.map_value = args.value.map(usize::from).or(section.map_value);

@@ -24,6 +24,10 @@ pub struct Sensor {
     numbers: Vec<usize>,
     /// Flags of each of these values.
     quality: Vec<Quality>,
+    /// Number of samples that repeat no earlier one.
+    spoken: u64,
+    /// Number of the newest of these that has each of these values, from 1.
+    newest: Vec<u64>,
     /// Position of the node, m, and the value that is the first of [`Sensor::values`].
     pub places: DecimatedPoints<([f64; 3], f64)>,
     /// Number of samples.
@@ -110,11 +114,14 @@ impl Sensors {
     }
 
     /// Judges the silence of each sensor at the end of the run, s since its start: one that did not speak again has no
-    /// later reading that shows it.
+    /// later reading that shows it. Values of an earlier definition, which the last sample does not have, ended with it.
     pub fn close(&mut self, end_s: f64) {
         let end_ns = (end_s.max(0.0) * 1e9).round() as u64;
-        let all = self.channels.values_mut().flat_map(|sensor| &mut sensor.quality);
-        all.for_each(|quality| quality.close(end_ns, &mut |_| ()));
+        for sensor in self.channels.values_mut() {
+            let all = sensor.quality.iter_mut().zip(&sensor.newest);
+            let present = all.filter(|(_, newest)| **newest == sensor.spoken);
+            present.for_each(|(quality, _)| quality.close(end_ns, &mut |_| ()));
+        }
     }
 
     /// Records the position of the node.
@@ -150,6 +157,8 @@ impl Sensors {
             values: Vec::new(),
             numbers: Vec::new(),
             quality: Vec::new(),
+            spoken: 0,
+            newest: Vec::new(),
             places: DecimatedPoints::default(),
             samples: 0,
             doubtful: 0,
@@ -161,6 +170,7 @@ impl Sensors {
             sensor.doubtful += 1;
             return;
         }
+        sensor.spoken += 1;
         let values: Vec<(usize, String, f64)> = if let Some(reading) = reading {
             sensor.doubtful += u64::from(reading.quality != Reading::QUALITY_GOOD);
             let names = Names::new(&reading.quantity, &reading.unit, reading.count);
@@ -180,6 +190,7 @@ impl Sensors {
                     sensor.values.push((name, Trace::new(GAP_S)));
                     sensor.numbers.push(index);
                     sensor.quality.push(Quality::new(sensor.settings.range.get(index).copied()));
+                    sensor.newest.push(0);
                     sensor.values.len() - 1
                 }
                 None => continue,
@@ -187,6 +198,7 @@ impl Sensors {
             if let (0, Some(place)) = (at, place) {
                 sensor.places.add((place, value));
             }
+            sensor.newest[at] = sensor.spoken;
             sensor.values[at].1.add(time_s, value);
             sensor.quality[at].add((time_s.max(0.0) * 1e9).round() as u64, value, &mut |_| ());
         }
