@@ -2,10 +2,12 @@
 //! a status line, and the sign of life for its watchdog. Without a service manager nothing is sent.
 //!
 //! Invariant: a message never blocks. The published crates wait while the manager's queue is full; the supervisor's
-//! heartbeat would stop meanwhile, and motor-io would stop the robot. A lost sign of life is repeated in time.
+//! heartbeat would stop meanwhile, and motor-io would stop the robot. What does not fit is sent again by the next pass: the
+//! queue of a kernel without settings has place for ten messages.
 
 use bus::clock;
 use std::ffi::{OsStr, OsString};
+use std::io::ErrorKind;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
@@ -29,6 +31,10 @@ pub struct ServiceManager {
     pause_ns: Option<u64>,
     last_sign_ns: u64,
     status: String,
+    /// Time of the last request for more time to start, ns.
+    extended_ns: Option<u64>,
+    /// The robot is up, and the manager's queue had no place for that message.
+    is_ready_unsent: bool,
 }
 
 impl ServiceManager {
@@ -51,14 +57,20 @@ impl ServiceManager {
     }
 
     /// The robot is up.
-    pub fn ready(&self) {
-        self.send("READY=1");
+    pub fn ready(&mut self) {
+        self.is_ready_unsent = !self.send("READY=1");
     }
 
-    /// The start goes on: from now on the manager waits at least for that long. An earlier limit of the manager that is
-    /// later stays.
-    pub fn extend_start(&self, time: Duration) {
-        self.send(&format!("EXTEND_TIMEOUT_USEC={}", time.as_micros()));
+    /// The start goes on: the manager waits at least for that long from now on, or from the last call, if that was
+    /// within a tenth of this time. An earlier limit of the manager that is later stays.
+    pub fn extend_start(&mut self, time: Duration) {
+        let now = clock::now_ns();
+        let pause_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / 10;
+        if self.extended_ns.is_none_or(|last_ns| now.saturating_sub(last_ns) >= pause_ns)
+            && self.send(&format!("EXTEND_TIMEOUT_USEC={}", time.as_micros()))
+        {
+            self.extended_ns = Some(now);
+        }
     }
 
     /// The end has begun.
@@ -68,15 +80,17 @@ impl ServiceManager {
 
     /// The line that `systemctl status` shows; a line that it has already is not sent again.
     pub fn set_status(&mut self, line: &str) {
-        if self.socket.is_some() && self.status != line {
+        // One line per variable: a further line would be a further variable.
+        if self.socket.is_some() && self.status != line && self.send(&format!("STATUS={}", line.replace('\n', " "))) {
             line.clone_into(&mut self.status);
-            // One line per variable: a further line would be a further variable.
-            self.send(&format!("STATUS={}", line.replace('\n', " ")));
         }
     }
 
     /// A pass of the supervision is complete: sends the sign of life if it is due.
     pub fn supervised(&mut self) {
+        if self.is_ready_unsent {
+            self.ready();
+        }
         let now = clock::now_ns();
         if self.pause_ns.is_some_and(|pause_ns| now >= self.last_sign_ns + pause_ns) {
             self.last_sign_ns = now;
@@ -84,10 +98,12 @@ impl ServiceManager {
         }
     }
 
-    fn send(&self, message: &str) {
-        if let Some((socket, address)) = &self.socket {
-            let _ = socket.send_to_addr(message.as_bytes(), address);
-        }
+    /// Returns false if the manager's queue is full. A message that cannot be sent at all counts as sent.
+    fn send(&self, message: &str) -> bool {
+        self.socket.as_ref().is_none_or(|(socket, address)| {
+            let sent = socket.send_to_addr(message.as_bytes(), address);
+            !sent.is_err_and(|error| error.kind() == ErrorKind::WouldBlock)
+        })
     }
 }
 
@@ -151,6 +167,7 @@ mod tests {
         let mut client = fake.client();
         client.set_status("Disarmed");
         client.set_status("Disarmed");
+        client.extend_start(Duration::from_secs(45));
         client.extend_start(Duration::from_secs(45));
         client.ready();
         client.supervised();
@@ -223,5 +240,12 @@ mod tests {
         }
         let received = fake.received();
         assert!(received.len() < 5000 && received.first().is_some_and(|first| first == "STATUS=0"));
+        while client.send("STATUS=full") {}
+        client.ready();
+        assert!(!fake.received().contains(&"READY=1".to_owned()));
+        client.set_status("5000");
+        client.supervised();
+        client.supervised();
+        assert_eq!(fake.received(), ["STATUS=5000", "READY=1"], "readiness comes with the next pass");
     }
 }

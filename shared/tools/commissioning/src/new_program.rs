@@ -179,8 +179,8 @@ fn next(kind: Kind, name: &str, rust: bool) -> (&'static str, Vec<String>) {
     (when, build.into_iter().chain(own).collect())
 }
 
-/// Returns the section of a system file that starts it beside the standard process of its role; `None` for a Python file
-/// in a folder with spaces, because `--program` is split at them and knows no quotes.
+/// Returns the section of a system file that starts it beside the standard process of its role; `None` for a Python
+/// file in a folder with spaces, because `--program` is split at them and knows no quotes.
 fn process(role: &str, name: &str, rust: bool) -> Answer<Option<Vec<String>>> {
     let here = std::env::current_dir().map_err(Failure::not_now)?;
     let command = if rust {

@@ -114,7 +114,8 @@ impl Sensors {
     }
 
     /// Judges the silence of each sensor at the end of the run, s since its start: one that did not speak again has no
-    /// later reading that shows it. Values of an earlier definition, which the last sample does not have, ended with it.
+    /// later reading that shows it. Values of an earlier definition, which the last sample does not have, ended with
+    /// it.
     pub fn close(&mut self, end_s: f64) {
         let end_ns = (end_s.max(0.0) * 1e9).round() as u64;
         for sensor in self.channels.values_mut() {
