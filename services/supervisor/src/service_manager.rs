@@ -2,8 +2,8 @@
 //! a status line, and the sign of life for its watchdog. Without a service manager nothing is sent.
 //!
 //! Invariant: a message never blocks. The published crates wait while the manager's queue is full; the supervisor's
-//! heartbeat would stop meanwhile, and motor-io would stop the robot. What does not fit is sent again by the next pass: the
-//! queue of a kernel without settings has place for ten messages.
+//! heartbeat would stop meanwhile, and motor-io would stop the robot. What does not fit is sent again by the next pass:
+//! the queue of a kernel without settings has place for ten messages.
 
 use bus::clock;
 use std::ffi::{OsStr, OsString};
