@@ -166,6 +166,17 @@ fn a_version_of_which_a_program_runs_is_not_replaced() {
     assert_eq!(machine.current(), OLD);
 }
 
+/// Programs of a container have the paths of the machine.
+#[test]
+fn a_version_that_is_not_here_is_installed_whatever_runs() {
+    let machine = Machine::with(OLD);
+    machine.process(7, NEW, "gateway", Some("nims-gateway@lab.service"));
+    let output = machine.add(NEW);
+    assert!(output.status.success(), "{}", printed(&output));
+    assert_eq!(machine.current(), NEW);
+    assert!(machine.path("opt/nims").join(NEW).join("bin/nims").exists());
+}
+
 #[test]
 fn the_version_changes_while_no_robot_of_a_service_runs() {
     for mode in ["disarmed", "holding", ""] {
