@@ -12,9 +12,9 @@ const PRIORITY: &str = "50";
 pub enum Place {
     /// Where the kernel puts them.
     Any,
-    /// Both on the first processor, with real-time priority.
+    /// All on the first processor, with real-time priority.
     OneCore,
-    /// On the first and the second processor, with real-time priority; both are kept awake.
+    /// The sender on the first and the receivers on the second processor, with real-time priority; both are kept awake.
     TwoCores,
 }
 
@@ -22,9 +22,10 @@ impl Place {
     /// Returns the place of a name.
     pub fn named(name: &str) -> Result<Self> {
         Ok(match name {
+            "any" => Self::Any,
             "one-core" => Self::OneCore,
             "two-cores" => Self::TwoCores,
-            _ => bail!("{name} is no place; accepted: one-core, two-cores"),
+            _ => bail!("{name} is no place; accepted: any, one-core, two-cores"),
         })
     }
 

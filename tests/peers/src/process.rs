@@ -1,4 +1,4 @@
-//! The two processes of a way.
+//! The processes of a way.
 
 use crate::link::Way;
 use anyhow::{Context, Result};
@@ -23,9 +23,9 @@ pub fn time_ns(clock: ClockId) -> u64 {
 }
 
 /// Waits for a sample, again and again; prints `ready` after the first, and all at the end: processor time, and the
-/// delay of each sample, ns.
-pub fn receive(way: Way, place: &Path) -> Result<()> {
-    let mut receiver = way.receiver(place)?;
+/// time and delay of each sample, ns. `number` is unique among the receivers of the way.
+pub fn receive(way: Way, place: &Path, number: &str) -> Result<()> {
+    let mut receiver = way.receiver(place, number)?;
     let mut out = std::io::stdout().lock();
     writeln!(out, "open")?;
     let mut ready = false;
@@ -43,14 +43,14 @@ pub fn receive(way: Way, place: &Path) -> Result<()> {
             END => break,
             // The schedule has begun, so the first one is not counted.
             _ if begun_ns == 0 => begun_ns = time_ns(ClockId::ProcessCPUTime),
-            MARKS.. => delays_ns.push(now_ns.saturating_sub(sent_ns)),
+            MARKS.. => delays_ns.push((sent_ns, now_ns.saturating_sub(sent_ns))),
             _ => {}
         }
     }
     let used_ns = time_ns(ClockId::ProcessCPUTime) - begun_ns;
     writeln!(out, "{used_ns}")?;
-    for delay_ns in delays_ns {
-        writeln!(out, "{delay_ns}")?;
+    for (sent_ns, delay_ns) in delays_ns {
+        writeln!(out, "{sent_ns} {delay_ns}")?;
     }
     Ok(())
 }

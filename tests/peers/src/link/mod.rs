@@ -9,9 +9,9 @@ mod zenoh_link;
 #[cfg(feature = "zmq")]
 mod zmq_link;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use shared::Sizes;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Size of a sample, bytes: that of `motor/state`.
 pub const BYTES: usize = size_of::<messages::MotorState>();
@@ -85,33 +85,58 @@ impl Way {
             Way::Iceoryx => Box::new(shared::IceoryxSender::open(Sizes::Default)?),
             Way::Sized => Box::new(shared::IceoryxSender::open(Sizes::OfNims)?),
             Way::Doorbell => Box::new(shared::DoorbellSender::open()?),
-            Way::Datagram => Box::new(plain::DatagramSender::open(place)?),
+            Way::Datagram => Box::new(plain::DatagramSender::open(&paths_of(place, "datagram")?)?),
             #[cfg(feature = "zenoh")]
-            Way::Zenoh => Box::new(zenoh_link::ZenohSender::open(place)?),
+            Way::Zenoh => Box::new(zenoh_link::ZenohSender::open(&paths_of(place, "zenoh")?)?),
             #[cfg(feature = "zmq")]
-            Way::Zmq => Box::new(zmq_link::ZmqSender::open(place)?),
+            Way::Zmq => Box::new(zmq_link::ZmqSender::open(&paths_of(place, "zmq")?)?),
             #[cfg(feature = "dds")]
             Way::Dds => Box::new(dds::DdsSender::open()?),
         })
     }
 
-    /// Opens the receiving end.
-    pub fn receiver(self, place: &Path) -> Result<Box<dyn Receiver>> {
+    /// Whether a sample reaches several receivers.
+    pub fn reaches_several(self) -> bool {
+        self != Self::Doorbell
+    }
+
+    /// Opens the receiving end; `number` is unique among those of this way.
+    pub fn receiver(self, place: &Path, number: &str) -> Result<Box<dyn Receiver>> {
         Ok(match self {
             Way::Nothing => Box::new(plain::Nothing),
             Way::Nims => Box::new(shared::NimsReceiver::open(place)?),
             Way::Iceoryx => Box::new(shared::IceoryxReceiver::open(Sizes::Default)?),
             Way::Sized => Box::new(shared::IceoryxReceiver::open(Sizes::OfNims)?),
             Way::Doorbell => Box::new(shared::DoorbellReceiver::open()?),
-            Way::Datagram => Box::new(plain::DatagramReceiver::open(place)?),
+            Way::Datagram => Box::new(plain::DatagramReceiver::open(&path_of(place, "datagram", number))?),
             #[cfg(feature = "zenoh")]
-            Way::Zenoh => Box::new(zenoh_link::ZenohReceiver::open(place)?),
+            Way::Zenoh => Box::new(zenoh_link::ZenohReceiver::open(&path_of(place, "zenoh", number))?),
             #[cfg(feature = "zmq")]
-            Way::Zmq => Box::new(zmq_link::ZmqReceiver::open(place)?),
+            Way::Zmq => Box::new(zmq_link::ZmqReceiver::open(&path_of(place, "zmq", number))?),
             #[cfg(feature = "dds")]
             Way::Dds => Box::new(dds::DdsReceiver::open()?),
         })
     }
+}
+
+/// The socket of a receiver.
+fn path_of(place: &Path, way: &str, number: &str) -> PathBuf {
+    place.join(format!("{way}-{number}"))
+}
+
+/// The sockets of the receivers that are there.
+fn paths_of(place: &Path, way: &str) -> Result<Vec<PathBuf>> {
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(place)? {
+        let path = entry?.path();
+        // Some libraries put a lock file beside the socket.
+        let is_socket = path.extension().is_none();
+        if is_socket && path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&format!("{way}-"))) {
+            paths.push(path);
+        }
+    }
+    ensure!(!paths.is_empty(), "no receiver is there");
+    Ok(paths)
 }
 
 /// A sample with this time, as bytes.

@@ -3,7 +3,7 @@
 use super::{BYTES, Receiver, Sender, filled, time_of};
 use anyhow::Result;
 use std::os::unix::net::UnixDatagram;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Sends and receives nothing.
 pub struct Nothing;
@@ -23,19 +23,24 @@ impl Receiver for Nothing {
     }
 }
 
-pub struct DatagramSender(UnixDatagram);
+pub struct DatagramSender(Vec<UnixDatagram>);
 
 impl DatagramSender {
-    pub fn open(place: &Path) -> Result<Self> {
-        let socket = UnixDatagram::unbound()?;
-        socket.connect(place.join("datagram"))?;
-        Ok(Self(socket))
+    pub fn open(paths: &[PathBuf]) -> Result<Self> {
+        let connected = |path| {
+            let socket = UnixDatagram::unbound()?;
+            socket.connect(path)?;
+            Ok(socket)
+        };
+        Ok(Self(paths.iter().map(connected).collect::<Result<_>>()?))
     }
 }
 
 impl Sender for DatagramSender {
     fn send(&mut self, sent_ns: u64) -> Result<()> {
-        self.0.send(&filled(sent_ns))?;
+        for socket in &self.0 {
+            socket.send(&filled(sent_ns))?;
+        }
         Ok(())
     }
 }
@@ -43,8 +48,8 @@ impl Sender for DatagramSender {
 pub struct DatagramReceiver(UnixDatagram);
 
 impl DatagramReceiver {
-    pub fn open(place: &Path) -> Result<Self> {
-        Ok(Self(UnixDatagram::bind(place.join("datagram"))?))
+    pub fn open(path: &Path) -> Result<Self> {
+        Ok(Self(UnixDatagram::bind(path)?))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Receiver, Sender, filled, time_of};
 use anyhow::{Result, anyhow};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zenoh::Wait;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::pubsub::{Publisher, Subscriber};
@@ -10,14 +10,17 @@ use zenoh::sample::Sample;
 
 const KEY: &str = "motor/state";
 
-fn session(place: &Path, role: &str) -> Result<zenoh::Session> {
+fn session(listened: &[PathBuf], connected: &[PathBuf]) -> Result<zenoh::Session> {
     let mut config = zenoh::Config::default();
-    let endpoints = format!("[\"unixsock-stream/{}\"]", place.join("zenoh").display());
+    let list = |paths: &[PathBuf]| {
+        let endpoints = paths.iter().map(|path| format!("\"unixsock-stream/{}\"", path.display()));
+        format!("[{}]", endpoints.collect::<Vec<_>>().join(", "))
+    };
     let keys = [
         ("mode", "\"peer\""),
         ("scouting/multicast/enabled", "false"),
-        ("listen/endpoints", if role == "listen" { &endpoints } else { "[]" }),
-        ("connect/endpoints", if role == "listen" { "[]" } else { &endpoints }),
+        ("listen/endpoints", &list(listened)),
+        ("connect/endpoints", &list(connected)),
     ];
     for (key, value) in keys {
         config.insert_json5(key, value).map_err(|error| anyhow!("{error}"))?;
@@ -31,8 +34,8 @@ pub struct ZenohSender {
 }
 
 impl ZenohSender {
-    pub fn open(place: &Path) -> Result<Self> {
-        let session = session(place, "connect")?;
+    pub fn open(paths: &[PathBuf]) -> Result<Self> {
+        let session = session(&[], paths)?;
         let publisher = session.declare_publisher(KEY).wait().map_err(|error| anyhow!("{error}"))?;
         Ok(Self { publisher, _session: session })
     }
@@ -50,8 +53,8 @@ pub struct ZenohReceiver {
 }
 
 impl ZenohReceiver {
-    pub fn open(place: &Path) -> Result<Self> {
-        let session = session(place, "listen")?;
+    pub fn open(path: &Path) -> Result<Self> {
+        let session = session(&[path.to_owned()], &[])?;
         let subscriber = session.declare_subscriber(KEY).wait().map_err(|error| anyhow!("{error}"))?;
         Ok(Self { subscriber, _session: session })
     }

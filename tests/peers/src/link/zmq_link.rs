@@ -2,18 +2,20 @@
 
 use super::{Receiver, Sender, filled, time_of};
 use anyhow::Result;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-fn endpoint(place: &Path) -> String {
-    format!("ipc://{}", place.join("zmq").display())
+fn endpoint(path: &Path) -> String {
+    format!("ipc://{}", path.display())
 }
 
 pub struct ZmqSender(zmq::Socket);
 
 impl ZmqSender {
-    pub fn open(place: &Path) -> Result<Self> {
+    pub fn open(paths: &[PathBuf]) -> Result<Self> {
         let socket = zmq::Context::new().socket(zmq::PUB)?;
-        socket.connect(&endpoint(place))?;
+        for path in paths {
+            socket.connect(&endpoint(path))?;
+        }
         Ok(Self(socket))
     }
 }
@@ -27,9 +29,9 @@ impl Sender for ZmqSender {
 pub struct ZmqReceiver(zmq::Socket);
 
 impl ZmqReceiver {
-    pub fn open(place: &Path) -> Result<Self> {
+    pub fn open(path: &Path) -> Result<Self> {
         let socket = zmq::Context::new().socket(zmq::SUB)?;
-        socket.bind(&endpoint(place))?;
+        socket.bind(&endpoint(path))?;
         socket.set_subscribe(b"")?;
         Ok(Self(socket))
     }
