@@ -40,15 +40,39 @@ messages::message! {
     }
 }
 
+messages::message! {
+    /// More values than a reading has.
+    pub struct Station {
+        header: Header,
+        wind_m_s: [f64; 2],
+        first_k: [f32; 2],
+        a: f64,
+        b: f64,
+        c: f64,
+        d: f64,
+        e: f64,
+        f: f64,
+        g: f64,
+        h: f64,
+        i: f64,
+        j: f64,
+    }
+}
+
+/// Writes a run with a robot file, and returns the writer.
+fn begin(path: &Path) -> RunWriter {
+    let robot = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/robots/lab3.toml")).unwrap();
+    let robot = Attachment { name: "robot.toml".into(), media_type: "application/toml".into(), data: robot };
+    RunWriter::create(path, CLOCK, &Default::default(), &[robot]).unwrap()
+}
+
 /// Writes a run in which the node goes around once.
 /// * `sensor/probe` has another type from 20 to 40 s;
 /// * `sensor/front/left` is in millimetres from 30 s on;
 /// * `sensor/lost` says nothing more from 30 s on;
 /// * `sensor/mast` has an array before its last value.
 fn write(path: &Path) {
-    let robot = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/robots/lab3.toml")).unwrap();
-    let robot = Attachment { name: "robot.toml".into(), media_type: "application/toml".into(), data: robot };
-    let mut writer = RunWriter::create(path, CLOCK, &Default::default(), &[robot]).unwrap();
+    let mut writer = begin(path);
     let mut channel = |spec: ChannelSpec| writer.add_channel(&spec).unwrap();
     let channels = [
         channel(ChannelSpec::for_type::<MotorAuthority>("motor/authority")),
@@ -122,6 +146,36 @@ fn the_report_has_the_values_of_each_definition_and_the_last_silence() {
     for (channel, value) in [("sensor/probe", 1), ("sensor/probe", 2), ("sensor/front/left", 0)] {
         assert_eq!(gaps(channel, value), [Some(0.0), None, Some(0.0)], "{channel} {value}");
     }
+}
+
+#[test]
+fn the_report_counts_the_values_that_it_does_not_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let (run, page) = (folder.path().join("run.mcap"), folder.path().join("page.html"));
+    let mut writer = begin(&run);
+    let [station, probe] =
+        [ChannelSpec::for_type::<Station>("sensor/sky<1>"), ChannelSpec::for_type::<Probe>("sensor/probe")]
+            .map(|spec| writer.add_channel(&spec).unwrap());
+    for cycle in 1..=100 {
+        let stamp_ns = cycle * PERIOD_NS;
+        let header = Header { cycle, seq: cycle, ..Header::at(stamp_ns) };
+        let sample = Station { header, a: 1.0, h: 8.0, i: 9.0, ..Default::default() };
+        writer.write(station, cycle, stamp_ns, stamp_ns, bytemuck::bytes_of(&sample)).unwrap();
+        let sample = Probe { header, moisture_percent: 30.0 };
+        writer.write(probe, cycle, stamp_ns, stamp_ns, bytemuck::bytes_of(&sample)).unwrap();
+    }
+    writer.finish(&Default::default()).unwrap();
+    let output = report(std::slice::from_ref(&run), Some(&page)).unwrap();
+    let sensors = output.value["runs"][0]["sensors"].as_array().unwrap();
+    let sensor = |channel: &str| sensors.iter().find(|sensor| sensor["channel"] == channel).unwrap();
+    let values = sensor("sensor/sky<1>")["values"].as_array().unwrap();
+    let names: Vec<&str> = values.iter().map(|value| value["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["a", "b", "c", "d", "e", "f", "g", "h"]);
+    // Two arrays of two numbers, and the ninth and tenth number.
+    assert_eq!((&sensor("sensor/sky<1>")["left_out"], &sensor("sensor/probe")["left_out"]), (&6.into(), &0.into()));
+    let page = std::fs::read_to_string(page).unwrap();
+    assert!(page.contains("6 further values of sensor/sky&lt;1&gt; "));
+    assert!(!page.contains("further values of sensor/probe"));
 }
 
 #[test]

@@ -134,7 +134,8 @@ fn custom_format(config: &SensorConfig, schema: &str, size: usize) -> Result<For
     if !schema.has_header() {
         return Err("its samples do not begin with a header, so their time of measurement is unknown".to_owned());
     }
-    let fields = value_fields(&schema, &config.section.fields)?;
+    let mut fields = value_fields(&schema, &config.section.fields)?;
+    fields.truncate(VALUES);
     let count = fields.iter().map(|field| field.count.unwrap_or(1)).sum::<usize>().min(VALUES);
     let mut empty = Sample { count: count as u8, value: [f64::NAN; VALUES], ..Sample::default() };
     let names = value_names(&fields, empty.quantity.len());
@@ -161,8 +162,8 @@ fn value_names(fields: &[SchemaField], room: usize) -> String {
     names
 }
 
-/// Returns the fields of a custom type that are values: the wanted ones; without any, the first floating-point fields,
-/// or else the first numbers.
+/// Returns the fields of a custom type that are values: the wanted ones; without any, the floating-point fields, or
+/// else all numbers. A sample has the first ones.
 ///
 /// # Errors
 /// One sentence: a wanted field is missing, or the type has no numbers.
@@ -179,11 +180,11 @@ pub fn value_fields(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaFiel
             .collect();
     }
     let fraction = |field: &&SchemaField| field.primitive.name().starts_with("float");
-    let with_fraction: Vec<SchemaField> = values(schema).filter(fraction).take(VALUES).cloned().collect();
+    let with_fraction: Vec<SchemaField> = values(schema).filter(fraction).cloned().collect();
     if !with_fraction.is_empty() {
         return Ok(with_fraction);
     }
-    let any: Vec<SchemaField> = values(schema).take(VALUES).cloned().collect();
+    let any: Vec<SchemaField> = values(schema).cloned().collect();
     if any.is_empty() { Err("it has no numbers".to_owned()) } else { Ok(any) }
 }
 

@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, VecDeque};
 const GAP_S: f64 = 5.0;
 /// Number of stored estimates for positions at the time of a reading; covers more than the delay of a reading.
 const MAX_ESTIMATES: usize = 1024;
-/// Maximum number of values per channel: as many as a reading has.
+/// Maximum number of values per channel: as many as a reading has. Others are counted in [`Sensor::left_out`].
 const MAX_VALUES: usize = 8;
 
 /// Data of one channel.
@@ -34,7 +34,10 @@ pub struct Sensor {
     pub samples: u64,
     /// Number of samples marked as doubtful or stale.
     pub doubtful: u64,
-    /// Of a custom type: its values, each with its number among all values. By the index of the channel, because a
+    /// Number of values that are not in [`Sensor::values`]: those beyond the limit by number and name, and those of
+    /// arrays by the number of the first one and the name of the field.
+    left_out: BTreeMap<(usize, String), usize>,
+    /// Of a custom type: its values without arrays, each with its number among all values. By the index of the channel, because a
     /// sensor may have another type after its recorder was restarted.
     fields: BTreeMap<usize, Vec<(usize, SchemaField)>>,
     /// Its entry in the system file.
@@ -163,6 +166,7 @@ impl Sensors {
             places: DecimatedPoints::default(),
             samples: 0,
             doubtful: 0,
+            left_out: BTreeMap::new(),
             fields: BTreeMap::new(),
         });
         sensor.samples += 1;
@@ -194,7 +198,10 @@ impl Sensors {
                     sensor.newest.push(0);
                     sensor.values.len() - 1
                 }
-                None => continue,
+                None => {
+                    sensor.left_out.insert((index, name), 1);
+                    continue;
+                }
             };
             if let (0, Some(place)) = (at, place) {
                 sensor.places.add((place, value));
@@ -248,19 +255,28 @@ impl Sensor {
         values.map(row).collect()
     }
 
-    /// Returns the first values of a custom type, as the sensor logger picks them, without arrays: each with its number
-    /// among all values.
+    /// Returns the number of values that are in none of the curves and figures.
+    #[must_use]
+    pub fn left_out(&self) -> usize {
+        self.left_out.values().sum()
+    }
+
+    /// Returns the values of a custom type, as the sensor logger picks them, without arrays: each with its number among
+    /// all values.
     fn fields(&mut self, recorded: &RecordedSample<'_>) -> Vec<(usize, String, f64)> {
         if !self.fields.contains_key(&recorded.index) {
             let Ok(schema) = Schema::parse(&recorded.channel.schema) else { return Vec::new() };
             let fields = value_fields(&schema, &self.settings.fields).or_else(|_| value_fields(&schema, &[]));
             let mut index = 0;
-            let numbered = fields.unwrap_or_default().into_iter().map(|field| {
+            let mut scalars = Vec::new();
+            for field in fields.unwrap_or_default() {
                 let own = index;
                 index += field.count.unwrap_or(1);
-                (own, field)
-            });
-            let scalars = numbered.filter(|(_, field)| field.count.is_none()).take(MAX_VALUES).collect();
+                match field.count {
+                    Some(count) => _ = self.left_out.insert((own, field.path), count),
+                    None => scalars.push((own, field)),
+                }
+            }
             self.fields.insert(recorded.index, scalars);
         }
         let value = |field: &SchemaField| Some(Value::read(field, recorded.sample)?.number()?.as_f64());

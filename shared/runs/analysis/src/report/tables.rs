@@ -4,6 +4,7 @@ use super::explain::{Between, Explanation};
 use super::gather::RunData;
 use super::legs::LegReport;
 use super::samples::Flag;
+use plot::escape;
 use plot::page::{Table, html_table};
 
 pub(super) fn scroll(table: &str) -> String {
@@ -161,5 +162,13 @@ pub fn sensors(run: &RunData) -> String {
             ]);
         }
     }
-    words_table(&table)
+    let channels = run.sensors.channels().iter();
+    let more: String = channels
+        .filter(|(_, sensor)| sensor.left_out() > 0)
+        .map(|(name, sensor)| {
+            let left_out = sensor.left_out();
+            format!("<p class=\"soft\">{left_out} further values of {} are not shown.</p>\n", escape(name))
+        })
+        .collect();
+    words_table(&table) + &more
 }

@@ -33,7 +33,12 @@ pub fn value(assessment: &RunAssessment) -> Value {
         .sensors
         .channels()
         .iter()
-        .map(|(name, sensor)| json!({ "channel": name, "samples": sensor.samples, "doubtful": sensor.doubtful, "values": sensor.extremes() }))
+        .map(|(name, sensor)| {
+            json!({
+                "channel": name, "samples": sensor.samples, "doubtful": sensor.doubtful, "values": sensor.extremes(),
+                "left_out": sensor.left_out(),
+            })
+        })
         .collect();
     let events: Vec<Value> = run
         .events
