@@ -91,24 +91,38 @@ fn manifest_text(manifest: &Value, report: &runlog::RunReport) -> String {
     words
 }
 
-/// Runs `nims recover` on one file, or on every unfinished or damaged file of a folder.
+/// Runs `nims recover` on one file, or on every unfinished or damaged file of a folder. One that fails keeps no other
+/// from being recovered, and is a failure beside the output.
 ///
 /// # Errors
-/// The run does not exist, or nothing in it can be read.
+/// The run does not exist, or nothing in it can be read or recovered.
 pub fn recover(run: &Path) -> Answer<Output> {
     require_run(run)?;
     let files = if run.is_dir() { unfinished_files(run)? } else { vec![run.to_path_buf()] };
-    let mut recovered = Vec::new();
+    let (mut recovered, mut failed) = (Vec::new(), Vec::new());
     let mut words = Vec::new();
     for file in &files {
-        let recovery = runlog::recover(file, &mut progress("recovering"))?;
-        words.push(recovery.to_string());
-        recovered.push(serde_json::to_value(&recovery).map_err(Failure::not_now)?);
+        match runlog::recover(file, &mut progress("recovering")) {
+            Ok(recovery) => {
+                words.push(recovery.to_string());
+                recovered.push(serde_json::to_value(&recovery).map_err(Failure::not_now)?);
+            }
+            Err(error) => failed.push((file, Failure::from(error))),
+        }
+    }
+    let all = failed.iter().map(|(_, failure)| failure.to_string()).collect::<Vec<_>>().join("; ");
+    let failure = failed.first().map(|(_, first)| first.with_sentence(all));
+    if recovered.is_empty()
+        && let Some(failure) = failure
+    {
+        return Err(failure);
     }
     if files.is_empty() {
         words.push(format!("every run file in {} is finished and undamaged: nothing to recover", run.display()));
     }
-    Ok(Output::new(json!({ "recovered": recovered }), words.join("\n")))
+    let why = |(file, failure): &(&PathBuf, Failure)| json!({ "file": file, "why": failure.to_string() });
+    let failed: Vec<Value> = failed.iter().map(why).collect();
+    Ok(Output::new(json!({ "recovered": recovered, "failed": failed }), words.join("\n")).failing(failure))
 }
 
 /// Returns the files of a run that are unfinished or damaged.

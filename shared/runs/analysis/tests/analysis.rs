@@ -307,3 +307,29 @@ fn a_run_shows_the_time_from_state_to_command() {
     let close = |found_ns: u64, wanted_ns: u64| found_ns.abs_diff(wanted_ns) <= wanted_ns / 100;
     assert!(close(p50_ns, ANSWERED_NS[1]) && close(p99_ns, ANSWERED_NS[0]), "{found}");
 }
+
+#[test]
+fn a_file_that_cannot_be_recovered_keeps_no_other_from_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path();
+    let [first, second, third] = ["run", "run-0002", "run-0003"].map(|stem| run.join(format!("{stem}.mcap.part")));
+    // Its recorder holds the first one.
+    let writer = RunWriter::create(&run.join("run.mcap"), CLOCK, &Default::default(), &[]).unwrap();
+    std::fs::copy(&first, &second).unwrap();
+    std::fs::copy(&first, &third).unwrap();
+    let output = analysis::runs::recover(run).unwrap();
+    let files = |key: &str, of: &str| -> Vec<String> {
+        let all = output.value[key].as_array().unwrap();
+        all.iter().map(|one| one[of].as_str().unwrap().to_owned()).collect()
+    };
+    assert_eq!(files("recovered", "source"), [&second, &third].map(|path| path.to_str().unwrap()));
+    assert_eq!(files("failed", "file"), [first.to_str().unwrap()]);
+    let failure = output.failure.as_ref().unwrap();
+    assert!(failure.exit_code() == 1 && failure.to_string() == files("failed", "why")[0], "{failure}");
+    assert!(failure.to_string().contains(first.to_str().unwrap()), "{failure}");
+    assert!(first.exists() && !second.exists() && run.join("run-0003.mcap").exists());
+    // Nothing else is left to recover.
+    assert_eq!(analysis::runs::recover(run).unwrap_err(), *failure);
+    drop(writer);
+    assert_eq!(analysis::runs::recover(run).unwrap().failure, None);
+}
