@@ -64,7 +64,8 @@ pub struct Trend {
     pub per_run: f64,
 }
 
-/// Lists the runs of a folder, oldest first.
+/// Lists the runs of a folder, oldest first. A run that cannot be read is listed with the reason, and is a failure
+/// beside the output.
 ///
 /// # Errors
 /// There is no run in the folder.
@@ -73,7 +74,16 @@ pub fn list(folder: &Path) -> Answer<Output> {
     let rows: Vec<Value> = command::parallel(&runs, command::processors(), |run| row(run));
     let trends = trends(&rows);
     let words = words(&rows, &trends);
-    Ok(Output::new(json!({ "folder": folder, "runs": rows, "trends": trends }), words))
+    let failure = unread(&rows);
+    Ok(Output::new(json!({ "folder": folder, "runs": rows, "trends": trends }), words).failing(failure))
+}
+
+/// Returns which runs could not be read; the reasons are in their rows.
+fn unread(rows: &[Value]) -> Option<Failure> {
+    let names: Vec<&str> =
+        rows.iter().filter(|row| !row["failed"].is_null()).filter_map(|row| row["run"].as_str()).collect();
+    let sentence = format!("{} of {} runs cannot be read: {}", names.len(), rows.len(), names.join(", "));
+    (!names.is_empty()).then_some(Failure::NotNow(sentence))
 }
 
 /// Returns the run folders in a folder, or the folder if it is a run, in the order of their names, which begin with the

@@ -440,7 +440,9 @@ fn runs_of_a_folder_are_listed_with_their_trends() {
         drop(own);
     }
     std::fs::create_dir(folder.path().join("no run")).unwrap();
-    let listed = run_list::list(folder.path()).unwrap().value;
+    let listed = run_list::list(folder.path()).unwrap();
+    assert_eq!(listed.failure, None);
+    let listed = listed.value;
     let rows = listed["runs"].as_array().unwrap();
     assert_eq!(rows.iter().map(|row| row["run"].as_str().unwrap()).collect::<Vec<_>>(), ["1", "2", "3"]);
     assert!(rows.iter().all(|row| row["system"] == "synthetic" && row["verdict"]["grade"].is_string()), "{rows:?}");
@@ -451,6 +453,16 @@ fn runs_of_a_folder_are_listed_with_their_trends() {
     // The figures that a report left are those that the list would compute.
     report(&[folder.path().join("2")], None).unwrap();
     assert_eq!(run_list::list(folder.path()).unwrap().value, listed);
+    // One that cannot be read is among the others, and the command fails.
+    std::fs::create_dir(folder.path().join("4")).unwrap();
+    std::fs::write(folder.path().join("4/run.mcap"), "not a run").unwrap();
+    let output = run_list::list(folder.path()).unwrap();
+    let rows = output.value["runs"].as_array().unwrap();
+    assert_eq!(rows[..3], listed["runs"].as_array().unwrap()[..]);
+    assert_eq!((&rows[3]["run"], &output.value["trends"]), (&"4".into(), &listed["trends"]));
+    let failure = output.failure.unwrap();
+    assert!(failure.exit_code() == 1 && failure.to_string().contains("1 of 4 runs"), "{failure}");
+    assert!(rows[3]["failed"].as_str().is_some_and(|why| output.words.contains(why)), "{}", output.words);
 }
 
 #[test]
