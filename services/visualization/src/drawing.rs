@@ -215,7 +215,7 @@ impl Visualization {
             return;
         };
         // As in maps: a value that a driver repeats was not measured here.
-        if matches!(quality, Reading::QUALITY_STALE | Reading::QUALITY_INVALID) {
+        if matches!(quality, Reading::QUALITY_STALE | Reading::QUALITY_INVALID) || !value.is_finite() {
             return;
         }
         // Separate clouds for readings and samples of a sensor, because samples are more accurate.

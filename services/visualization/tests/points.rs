@@ -40,6 +40,10 @@ fn a_value_that_is_stale_or_invalid_is_no_point() {
         reading.value[0] = at as f64;
         visualization.record("sensor/probe", Reading::type_name(), bytemuck::bytes_of(&reading));
     }
+    // A device without a value of this quantity may have others.
+    let mut reading = Reading { count: 2, ..Reading::default() };
+    reading.value[..2].copy_from_slice(&[f64::NAN, 1.0]);
+    visualization.record("sensor/probe", Reading::type_name(), bytemuck::bytes_of(&reading));
     let drawings = visualization.slow_frame();
     let cloud = drawings.iter().find(|drawing| drawing.channel == "visualization/samples/sensor-probe").unwrap();
     assert_eq!(values(&cloud.body), [0.0, 3.0]);

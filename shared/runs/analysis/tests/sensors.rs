@@ -238,3 +238,53 @@ fn values_of_another_definition_or_unit_have_a_map_of_their_own() {
     assert_eq!((maps.as_array().unwrap().len(), maps[0]["sensor"].as_str()), (1, Some("probe@2")));
     assert!(one("probe@3").is_err());
 }
+
+#[test]
+fn a_missing_value_of_a_sample_keeps_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run.mcap");
+    let mut writer = begin(&run);
+    let [estimates, probe] =
+        [ChannelSpec::for_type::<NodeEstimate>("node/estimate/a"), ChannelSpec::for_type::<NewProbe>("sensor/probe")]
+            .map(|spec| writer.add_channel(&spec).unwrap());
+    for cycle in 1..=CYCLES {
+        let stamp_ns = cycle * PERIOD_NS;
+        let header = Header { life: 1, cycle, seq: cycle, oldest_input_ns: stamp_ns, ..Header::at(stamp_ns) };
+        let turn = std::f64::consts::TAU * cycle as f64 / CYCLES as f64;
+        let position_m = [4.5 + turn.cos(), 3.2 + turn.sin(), 0.8];
+        let estimate = NodeEstimate { header, position_m, valid: 1, ..Default::default() };
+        writer.write(estimates, cycle, stamp_ns, stamp_ns, bytemuck::bytes_of(&estimate)).unwrap();
+        // The second value is missing in half of the samples, and both in a quarter of them.
+        let value = |is_there: bool, value: f64| if is_there { value } else { f64::NAN };
+        let spare_k = value(!cycle.is_multiple_of(4), 280.0 + (cycle as f64 * 1.7).sin());
+        let temperature_c = value(!cycle.is_multiple_of(2), 5.0 + (cycle as f64 * 1.3).sin());
+        let sample = NewProbe { header, spare_k, temperature_c };
+        writer.write(probe, cycle, stamp_ns, stamp_ns, bytemuck::bytes_of(&sample)).unwrap();
+    }
+    writer.finish(&Default::default()).unwrap();
+    let points = |value: u8| {
+        let out = folder.path().join(value.to_string());
+        let args = Args {
+            run: run.clone(),
+            out: Some(out.clone()),
+            sensor: vec!["probe".to_owned()],
+            cell: None,
+            reach: None,
+            value: Some(value),
+            looks_down: false,
+            sigma: None,
+            footprint: None,
+            between: None,
+            recompute: false,
+        };
+        map(&args).unwrap();
+        std::fs::read_to_string(out.join("probe.ply")).unwrap().lines().skip_while(|line| *line != "end_header").count()
+            - 1
+    };
+    let count = CYCLES as usize;
+    assert_eq!([points(1), points(2)], [count - count / 4, count - count / 2]);
+    let table = std::fs::read_to_string(folder.path().join("1/probe.csv")).unwrap();
+    let quality = table.lines().next().unwrap().split(',').position(|name| name == "quality").unwrap();
+    let invalid = table.lines().filter(|line| line.split(',').nth(quality) == Some("3")).count();
+    assert_eq!((table.lines().count() - 1, invalid), (count, count / 4));
+}

@@ -108,7 +108,8 @@ impl Decoder {
                 for (into, number) in sample.value.iter_mut().zip(numbers) {
                     *into = number.as_f64();
                 }
-                if sample.value[..usize::from(sample.count)].iter().any(|value| !value.is_finite()) {
+                // A value that is missing keeps the others.
+                if sample.value[..usize::from(sample.count)].iter().all(|value| !value.is_finite()) {
                     sample.quality = Reading::QUALITY_INVALID;
                 }
                 Some(DecodedReading { sample, lever_m: self.lever_m.unwrap_or_default() })

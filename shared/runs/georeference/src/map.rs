@@ -31,7 +31,7 @@ impl Mapping {
         if sample.quality == Reading::QUALITY_INVALID || self.value >= usize::from(sample.count) {
             return None;
         }
-        let number = *sample.value.get(self.value)?;
+        let number = *sample.value.get(self.value).filter(|number| number.is_finite())?;
         if self.range.is_some_and(|[low, high]| number < low || number > high) {
             return None;
         }
