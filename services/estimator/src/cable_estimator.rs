@@ -3,17 +3,11 @@
 /// The parameters of the methods: `[estimator]` of the system file.
 pub use config::EstimatorSection as Parameters;
 
-use cable_robot::rate::COUNTED_PERIOD_S;
+use cable_robot::rate::lasting;
 
 /// Largest number of cycles without a reading that a method may bridge, at more than 250 Hz as long: a hiccup of the
 /// machine does not become shorter. A drive unit is lost after the same number of cycles without an answer.
-pub const BRIDGED_CYCLES: u64 = 3;
-/// The same as a time, ns, and the most cycles that it is, at 500 Hz: a clock that stands still bridges no more.
-const BRIDGED_NS: u64 = (BRIDGED_CYCLES as f64 * COUNTED_PERIOD_S * 1e9) as u64;
-const MOST_BRIDGED_CYCLES: u64 = 2 * BRIDGED_CYCLES;
-/// Least period, ns: that of 500 Hz, less what clocks differ by. An instant that stands still, because the estimator
-/// missed cycles or knows no period, is no sign that the cycles were short.
-const LEAST_PERIOD_NS: u64 = 1_900_000;
+pub const BRIDGED_CYCLES: u32 = 3;
 
 /// A method of estimation for one cable: computes length and velocity at an instant from readings and commands.
 ///
@@ -82,33 +76,40 @@ pub struct CableSample {
     pub sampled_ns: u64,
     /// Velocity commanded at the start of this cycle, m/s, finite. It applies until the command of the next cycle.
     pub command_m_s: f64,
+    /// Period of the control cycle, s; 0 if it is unknown.
+    pub period_s: f64,
+}
+
+impl CableSample {
+    /// Returns the instant of the reading; meaningless without a reading.
+    #[must_use]
+    pub fn instant(&self) -> Instant {
+        Instant { cycle: self.cycle, time_ns: self.sampled_ns, period_s: self.period_s }
+    }
 }
 
 /// An instant of a control cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instant {
     /// The cycle.
     pub cycle: u64,
     /// Time on the monotonic clock, ns.
     pub time_ns: u64,
+    /// Period of the control cycle, s; 0 if it is unknown.
+    pub period_s: f64,
 }
 
 impl Instant {
     /// Returns true if a method may bridge the time from a reading of this or an earlier cycle to this instant: at most
-    /// [`BRIDGED_CYCLES`], or as long as these are at 250 Hz.
-    pub fn bridges(&self, sampled_ns: u64, cycle: u64) -> bool {
-        self.is_within(1, sampled_ns, cycle)
+    /// [`BRIDGED_CYCLES`], and at more than 250 Hz as long as these are there.
+    pub fn bridges(&self, cycle: u64) -> bool {
+        self.is_within(BRIDGED_CYCLES, cycle)
     }
 
-    /// The same for so many times of that.
-    pub(crate) fn is_within(&self, times: u64, sampled_ns: u64, cycle: u64) -> bool {
-        self.cycle.checked_sub(cycle).is_some_and(|silent| {
-            let passed_ns = self.time_ns.saturating_sub(sampled_ns);
-            // A reading may be up to a period later in its cycle than the instant is in its own.
-            let least_ns = silent.saturating_sub(1).saturating_mul(LEAST_PERIOD_NS);
-            let short = (least_ns..=times * BRIDGED_NS).contains(&passed_ns);
-            silent <= times * BRIDGED_CYCLES || short && silent <= times * MOST_BRIDGED_CYCLES
-        })
+    /// The same for so many cycles.
+    pub(crate) fn is_within(&self, cycles: u32, cycle: u64) -> bool {
+        let most = u64::from(lasting(cycles, self.period_s));
+        self.cycle.checked_sub(cycle).is_some_and(|silent| silent <= most)
     }
 
     /// Returns the time from a reading of this or an earlier cycle to this instant, s; negative if the instant is
@@ -147,23 +148,21 @@ pub struct Measurement {
 mod tests {
     use super::*;
 
-    /// Cycles after a reading that are bridged where the instant advances by this much in each, ns.
-    fn bridged(advance_ns: u64) -> u64 {
-        let at = |cycle| Instant { cycle, time_ns: 1_000_000_000 + cycle * advance_ns };
-        (0..20).take_while(|silent| at(100 + silent).bridges(at(100).time_ns, 100)).count() as u64 - 1
+    /// Cycles after a reading that are bridged at this period, s.
+    fn bridged(period_s: f64) -> u64 {
+        let at = |cycle| Instant { cycle, time_ns: 0, period_s };
+        (0..20).take_while(|silent| at(100 + silent).bridges(100)).count() as u64 - 1
     }
 
     #[test]
     fn cycles_count_by_their_time_where_they_are_short() {
-        assert_eq!(bridged(10_000_000), BRIDGED_CYCLES);
-        assert_eq!(bridged(4_000_000), BRIDGED_CYCLES);
-        assert_eq!(bridged(2_000_000), MOST_BRIDGED_CYCLES);
+        let periods_s = [0.1, 0.01, 0.004, 0.0025, 0.002];
+        assert_eq!(periods_s.map(bridged), [3, 3, 3, 5, 6]);
     }
 
     #[test]
-    fn an_instant_that_stands_still_makes_no_cycles_short() {
-        assert_eq!(bridged(0), BRIDGED_CYCLES);
-        // Readings of a cycle are apart, so the instant may be some milliseconds after one of them.
-        assert!(!Instant { cycle: 104, time_ns: 5_000_000 }.bridges(0, 100));
+    fn without_a_period_no_cycle_is_short() {
+        assert_eq!(bridged(0.0), u64::from(BRIDGED_CYCLES));
+        assert!(!Instant { cycle: 99, time_ns: 0, period_s: 0.01 }.bridges(100), "an earlier cycle");
     }
 }

@@ -190,8 +190,9 @@ impl Estimator {
         let sigma_length_m = self.config.sigma_length_m;
         let mut sigma_m = CableVec::repeat(n, sigma_length_m);
         let mut velocity_m_s = CableVec::zeros(n);
-        let instant = Instant { cycle: state.header.cycle, time_ns: instant_ns };
-        let measured = self.cables.measure(&mut self.readings, &readings::samples(state)[..n], &instant);
+        let period_s = authority.map_or(0.0, |authority| authority.period_s);
+        let instant = Instant { cycle: state.header.cycle, time_ns: instant_ns, period_s };
+        let measured = self.cables.measure(&mut self.readings, &readings::samples(state, period_s)[..n], &instant);
         for (i, at) in measured.iter().enumerate().take(n) {
             let Some(at) = at else {
                 known = false;
@@ -226,7 +227,7 @@ impl Estimator {
         let Some(MotorAuthority { period_s, .. }) = authority.filter(|_| repeated) else {
             return state.header.stamp_ns;
         };
-        let bridged = u64::from(lasting(BRIDGED_CYCLES as u32, *period_s));
+        let bridged = u64::from(lasting(BRIDGED_CYCLES, *period_s));
         if cycles <= bridged && (0.0..1.0).contains(period_s) {
             self.last_instant_ns.saturating_add(cycles * (period_s * 1e9) as u64)
         } else {

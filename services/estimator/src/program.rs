@@ -180,11 +180,12 @@ done
     }
 
     fn sample(cycle: u64) -> [CableSample; 3] {
-        [CableSample { cycle, length_m: Some(1.0), sampled_ns: cycle * 10_000_000, command_m_s: 0.0 }; 3]
+        [CableSample { cycle, length_m: Some(1.0), sampled_ns: cycle * 10_000_000, command_m_s: 0.0, period_s: 0.01 };
+            3]
     }
 
     fn ask(estimator: &mut ProgramEstimator, cycle: u64) -> Option<Measurement> {
-        let instant = Instant { cycle, time_ns: cycle * 10_000_000 + 1_000_000 };
+        let instant = Instant { cycle, time_ns: cycle * 10_000_000 + 1_000_000, period_s: 0.01 };
         let measured = estimator.at(&sample(cycle), &instant);
         assert!(measured[2].is_none(), "the program has no estimate of the third cable");
         measured[0]

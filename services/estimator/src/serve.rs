@@ -24,6 +24,8 @@ pub fn serve(cable: Box<dyn CableEstimator>, questions: impl BufRead, answers: i
 /// The cables of the system.
 struct Served {
     count: usize,
+    /// Period of the control cycles, s.
+    period_s: f64,
     cables: Cables,
     readings: Readings,
 }
@@ -32,9 +34,11 @@ impl Served {
     fn begin(mut cable: Box<dyn CableEstimator>, hello: &Hello) -> anyhow::Result<(Self, Parameters)> {
         let count = hello.cables;
         ensure!(count <= CABLES, "the system has {count} cables; accepted: at most {CABLES}");
-        cable.retune(Method::custom(&SystemFile::load(&hello.system)?.estimator).parameters());
+        let system = SystemFile::load(&hello.system)?;
+        cable.retune(Method::custom(&system.estimator).parameters());
         let parameters = Parameters { parameters: cable.constants() };
-        Ok((Self { count, cables: Cables::each(Some(cable), count), readings: Readings::default() }, parameters))
+        let cables = Cables::each(Some(cable), count);
+        Ok((Self { count, period_s: 1.0 / system.rate_hz, cables, readings: Readings::default() }, parameters))
     }
 
     fn answer(&mut self, question: Question) -> Vec<Option<Answer>> {
@@ -52,9 +56,10 @@ impl Served {
                 length_m: *length_m,
                 sampled_ns: *sampled_ns,
                 command_m_s: *command_m_s,
+                period_s: self.period_s,
             })
             .collect();
-        let instant = Instant { cycle: question.cycle, time_ns: question.instant_ns };
+        let instant = Instant { cycle: question.cycle, time_ns: question.instant_ns, period_s: self.period_s };
         let measured = self.cables.measure(&mut self.readings, &samples, &instant);
         measured.iter().take(self.count).map(|at| at.and_then(Answer::of)).collect()
     }

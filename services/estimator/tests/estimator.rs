@@ -167,6 +167,7 @@ fn readings_at_different_times_are_extrapolated_to_one_instant() {
 
 #[test]
 fn lost_readings_are_bridged_but_not_for_long() {
+    let bridged = u64::from(BRIDGED_CYCLES);
     for method in methods() {
         let robot = robot(3, Some(6000.0));
         let mut estimator = estimator(robot, method);
@@ -174,7 +175,7 @@ fn lost_readings_are_bridged_but_not_for_long() {
             estimator.step(&steady(&robot, cycle).0, None);
         }
         let before = estimator.step(&steady(&robot, 100).0, None);
-        for cycle in 101..101 + BRIDGED_CYCLES {
+        for cycle in 101..=100 + bridged {
             let (mut state, position) = steady(&robot, cycle);
             (state.fresh[2], state.length_m[2], state.sampled_ns[2]) = (0, 0.0, 0);
             let estimate = estimator.step(&state, None);
@@ -183,10 +184,10 @@ fn lost_readings_are_bridged_but_not_for_long() {
             assert!(spread(&estimate) > spread(&before), "the uncertainty increases");
             assert_eq!(estimate.header.oldest_input_ns, before.header.stamp_ns, "the age accumulates");
         }
-        let (mut state, _) = steady(&robot, 101 + BRIDGED_CYCLES);
+        let (mut state, _) = steady(&robot, 101 + bridged);
         state.fresh[2] = 0;
         assert_eq!(estimator.step(&state, None).valid, 0);
-        let (state, position) = steady(&robot, 102 + BRIDGED_CYCLES);
+        let (state, position) = steady(&robot, 102 + bridged);
         let estimate = estimator.step(&state, None);
         assert_eq!(estimate.valid, 1);
         assert!(distance(&estimate, position) < 1e-3);
@@ -197,6 +198,7 @@ fn lost_readings_are_bridged_but_not_for_long() {
 fn bridged_s(method: Method, rate_hz: f64) -> f64 {
     let robot = robot(3, Some(6000.0));
     let mut estimator = estimator(robot, method);
+    let authority = MotorAuthority { period_s: 1.0 / rate_hz, ..MotorAuthority::default() };
     // What happens within 10 ms at 100 Hz, in a period of this rate.
     let faster = rate_hz / 100.0;
     let shrunk = |at_ns: u64| (at_ns as f64 / faster) as u64;
@@ -209,12 +211,12 @@ fn bridged_s(method: Method, rate_hz: f64) -> f64 {
         state
     };
     for cycle in 1..=100 {
-        assert_eq!(estimator.step(&at(cycle), None).valid, 1);
+        assert_eq!(estimator.step(&at(cycle), Some(&authority)).valid, 1);
     }
     let valid = |cycle: &u64| {
         let mut state = at(*cycle);
         state.fresh[2] = 0;
-        estimator.step(&state, None).valid == 1
+        estimator.step(&state, Some(&authority)).valid == 1
     };
     (101..200).take_while(valid).count() as f64 / rate_hz
 }

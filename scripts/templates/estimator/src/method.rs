@@ -39,8 +39,7 @@ impl CableEstimator for MyEstimator {
         let Some(length_m) = sample.length_m else { return };
         let begin = std::mem::take(&mut self.begin);
         // After a long silence, or where the lengths were set again, it begins at rest with the reading.
-        let now = Instant { cycle, time_ns: sampled_ns };
-        let last = self.state.filter(|last| !begin && now.bridges(last.sampled_ns, last.cycle));
+        let last = self.state.filter(|last| !begin && sample.instant().bridges(last.cycle));
         let passed_s = last.map_or(0.0, |last| sampled_ns.saturating_sub(last.sampled_ns) as f64 * 1e-9);
         self.state = Some(match last {
             Some(last) if passed_s > 0.0 => {

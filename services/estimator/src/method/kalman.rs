@@ -5,7 +5,7 @@
 
 use cable_control::length_filter::{FilterError, FilterSettings, LengthFilter, Verdict};
 
-use crate::cable_estimator::{CableEstimator, CableSample, Instant, Measurement, Parameters};
+use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement, Parameters};
 
 /// Returns the parameters with those that the method does not use at their defaults.
 ///
@@ -66,8 +66,7 @@ impl KalmanEstimator {
     fn update(&mut self, settings: FilterSettings, length_m: f64, sample: &CableSample) {
         let &CableSample { cycle, sampled_ns, .. } = sample;
         // After a longer gap, the motion of the drive in between is not known accurately enough.
-        let instant = Instant { cycle, time_ns: sampled_ns };
-        let known = self.filter.filter(|_| instant.is_within(2, self.sampled_ns, self.cycle));
+        let known = self.filter.filter(|_| sample.instant().is_within(2 * BRIDGED_CYCLES, self.cycle));
         let mut filter = known.unwrap_or_else(|| LengthFilter::new(settings, length_m));
         let mut verdict = Verdict::BegunAnew;
         let elapsed_ns = sampled_ns.saturating_sub(self.state_ns);
@@ -101,7 +100,7 @@ impl CableEstimator for KalmanEstimator {
     /// Extrapolates the filter's state to the instant; `None` if too many consecutive readings were rejected.
     fn at(&self, instant: &Instant) -> Option<Measurement> {
         let mut filter = self.filter?;
-        if !instant.bridges(self.sampled_ns, self.cycle) {
+        if !instant.bridges(self.cycle) {
             return None;
         }
         filter.predict(self.command_m_s, instant.ahead_of_s(self.state_ns, self.cycle));
