@@ -3,6 +3,7 @@
 //! A fault of motor-io begins an incident. So does an emergency stop, and a process that died or sent no heartbeat
 //! without a fault, such as a controller whose standby took over.
 
+mod part;
 mod reaction;
 
 use crate::run_time::RunTime;
@@ -13,9 +14,10 @@ use messages::{
     CONTROLLERS, ESTIMATORS, MotorAuthority, MotorState, OperatorRequest, ProcessState, RequestBody, SLOT_NAMES,
     text_of,
 };
+use part::{Part, UnitPlace};
 use reaction::{Aftermath, Timeline, during};
 use robot_state::sentences::{FAULTS, ROLE_NAMES, named, verdict_sentence};
-use runlog::RunReader;
+use runlog::{Attachment, RunReader};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -86,6 +88,8 @@ struct RequestFact {
     is_estop: bool,
     /// The process that was ended or suspended.
     of_process: Option<String>,
+    /// The cable, port or drive unit of the virtual motor box that was to fail.
+    of_part: Option<Part>,
 }
 
 /// The end or the silence of a process.
@@ -110,12 +114,19 @@ pub struct Incidents {
     roles: BTreeMap<String, String>,
     /// State and restarts of each process.
     states: BTreeMap<String, (u8, u32)>,
+    /// Drive units in the order in which faults number them; empty if unknown.
+    units: Vec<UnitPlace>,
     last: Option<MotorAuthority>,
     /// A fault began while cables moved, and they did not stand since.
     moves: bool,
 }
 
 impl Incidents {
+    /// Learns from the system file of a run which drive unit is which.
+    pub fn name_units(&mut self, run: &Path, inside: &[Attachment]) {
+        self.units = part::units_of(run, inside);
+    }
+
     /// Records a control cycle.
     pub fn cycle(&mut self, time_s: f64, authority: &MotorAuthority, state: Option<&MotorState>) {
         let last = self.last.replace(*authority);
@@ -158,7 +169,9 @@ impl Incidents {
         let what = if is_estop { "an emergency stop".to_owned() } else { format!("the fault \"{text}\"") };
         let of_process = ["kill ", "stop "].iter().find_map(|word| text.strip_prefix(word)).map(str::to_owned);
         let clause = format!("{who} asked for {what}");
-        self.requests.push(RequestFact { time_s, clause, is_estop, of_process: of_process.filter(|_| !is_estop) });
+        let of_process = of_process.filter(|_| !is_estop);
+        let of_part = Part::of_request(&text).filter(|_| !is_estop);
+        self.requests.push(RequestFact { time_s, clause, is_estop, of_process, of_part });
     }
 
     /// Records a row of the process table.
@@ -251,8 +264,13 @@ impl Incidents {
     }
 
     /// Returns whether a request may be the cause of faults: that to end or suspend a process, only of what that
-    /// process does. A suspended motor-io is late in everything.
+    /// process does; one for a cable or a drive unit, not of faults of another. A suspended motor-io is late in
+    /// everything.
     fn may_cause(&self, asked: &RequestFact, group: &[&FaultFact]) -> bool {
+        let authorities: Vec<&MotorAuthority> = group.iter().map(|fact| &fact.authority).collect();
+        if asked.of_part.is_some_and(|part| part.is_another(&authorities, &self.units)) {
+            return false;
+        }
         let Some(name) = &asked.of_process else { return true };
         let role = self.roles.get(name).map_or(name.as_str(), String::as_str);
         let bits = group.iter().fold(0, |bits, fact| bits | fact.authority.faults);
@@ -273,7 +291,9 @@ impl Incidents {
         let recent = process.time_s - ASKED_BEFORE_S..=process.time_s;
         let mut asked = self.requests.iter().rev().filter(|asked| !asked.is_estop && recent.contains(&asked.time_s));
         let of_it = |name: &String| *name == process.name;
-        let asked = asked.find(|asked| asked.of_process.as_ref().is_none_or(of_it));
+        // Only motor-io has to do with cables and drive units.
+        let reaches = |asked: &RequestFact| asked.of_part.is_none() || process.role == "motor-io";
+        let asked = asked.find(|asked| asked.of_process.as_ref().is_none_or(of_it) && reaches(asked));
         let causes = asked.map(|asked| asked.clause.clone()).into_iter().collect();
         let next = self.faults.iter().find(|fault| fault.time_s > process.time_s);
         let end_s = next.map_or(f64::INFINITY, |fault| fault.time_s);
@@ -391,6 +411,7 @@ pub fn until(run: &Path, at_ns: u64) -> Answer<Vec<Incident>> {
         tracker.record(&recorded, &mut |cycle: &Cycle<'_>| incidents.of_cycle(&time, cycle));
     }
     tracker.finish(&mut |cycle: &Cycle<'_>| incidents.of_cycle(&time, cycle));
+    incidents.name_units(run, reader.attachments());
     let mut found = incidents.every();
     found.retain(|incident| incident.time_s <= time.logged_s(at_ns));
     Ok(found)

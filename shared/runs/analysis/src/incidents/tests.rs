@@ -209,6 +209,44 @@ fn a_request_for_another_process_is_no_cause_and_an_emergency_stop_is_said_with_
 }
 
 #[test]
+fn a_fault_of_another_cable_is_no_cause_and_the_earlier_one_of_this_cable_is() {
+    let causes = |requests: &[&str], change: fn(&mut MotorAuthority)| {
+        let mut incidents = Incidents::default();
+        fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);
+        for (text, time_s) in requests.iter().zip([0.5, 0.9]) {
+            asks(&mut incidents, time_s, RequestBody::VERB_FAULT, text);
+        }
+        let mut authority = MotorAuthority { mode: FAULTED, ..MotorAuthority::default() };
+        change(&mut authority);
+        fly_as(&mut incidents, [1.0, 2.0], 0.0, authority);
+        one(&incidents).causes
+    };
+    let slack: fn(&mut MotorAuthority) = |authority| {
+        (authority.faults, authority.fault_cable[1]) = (MotorAuthority::FAULT_SLACK, 1);
+    };
+    assert_eq!(causes(&["break 3"], slack), [""; 0]);
+    let clause = |text: &str| [format!("ada asked for the fault \"{text}\"")];
+    assert_eq!(causes(&["break 2", "stall 3"], slack), clause("break 2"));
+    // The supply is that of all units, and a cable may be slack because its unit fails.
+    assert_eq!(causes(&["break 3", "supply 9"], slack), clause("supply 9"));
+    assert_eq!(causes(&["mute 1 128"], slack), clause("mute 1 128"));
+    assert_eq!(
+        causes(&["stall 3"], |authority| {
+            (authority.faults, authority.fault_unit[0]) = (MotorAuthority::FAULT_DRIVE_ERROR, 1);
+        }),
+        clause("stall 3")
+    );
+    // No process dies of a cable but motor-io.
+    for (role, found) in [("sensor", 0), ("motor-io", 1)] {
+        let mut incidents = Incidents::default();
+        fly(&mut incidents, [0.0, 5.0], FOLLOWING, 0, 99.0);
+        asks(&mut incidents, 1.5, RequestBody::VERB_FAULT, "stall 3");
+        row(&mut incidents, 2.0, "it", role, ProcessState::STATE_DIED, "was ended by signal 9");
+        assert_eq!(one(&incidents).causes.len(), found, "{role}");
+    }
+}
+
+#[test]
 fn a_fault_in_the_cycle_in_which_the_cables_come_to_rest_leaves_the_first_one_its_rest() {
     let mut incidents = Incidents::default();
     fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);

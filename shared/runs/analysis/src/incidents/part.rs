@@ -1,0 +1,124 @@
+//! Which cables and drive units a fault of the virtual motor box names, and whether faults name others.
+
+use messages::MotorAuthority;
+use messages::faults::{Faults, OF_CABLES, OF_UNITS};
+use runlog::{Attachment, system_file_text};
+use std::path::Path;
+
+/// Kinds of faults with a cable as their first argument. Of the others, the supply is that of all units.
+const OF_ONE_CABLE: [&str; 5] = ["stall", "slip", "dead", "jump", "break"];
+/// Those with a port.
+const OF_ONE_PORT: [&str; 4] = ["noise", "silence", "late", "unplug"];
+/// Those with a port and the address of a unit on it.
+const OF_ONE_UNIT: [&str; 3] = ["mute", "reboot", "estop"];
+
+/// What a fault of the virtual motor box names. Cables and ports count from 1, as in the request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    Cable(usize),
+    Port(usize),
+    Unit { port: usize, address: u8 },
+}
+
+/// A drive unit of the system file: number of its port, from 1, and its address.
+pub(super) type UnitPlace = (usize, u8);
+
+impl Part {
+    /// Reads the text of a request; `None` if it names none of these.
+    pub(super) fn of_request(text: &str) -> Option<Self> {
+        let mut words = text.split_whitespace();
+        let kind = words.next()?;
+        let number = words.next()?.parse().ok();
+        if OF_ONE_CABLE.contains(&kind) {
+            return Some(Self::Cable(number?));
+        }
+        if OF_ONE_PORT.contains(&kind) {
+            return Some(Self::Port(number?));
+        }
+        let address = words.next().filter(|_| OF_ONE_UNIT.contains(&kind))?;
+        let address = match address.strip_prefix("0x") {
+            Some(digits) => u8::from_str_radix(digits, 16).ok()?,
+            None => address.parse().ok()?,
+        };
+        Some(Self::Unit { port: number?, address })
+    }
+
+    /// Returns whether faults name only others of its kind. A cable may fail because a unit does, and a unit because of
+    /// a cable, so faults of both kinds may have either cause. Without `units`, those of the system file in its order,
+    /// it is unknown which unit a fault names.
+    pub(super) fn is_another(self, group: &[&MotorAuthority], units: &[UnitPlace]) -> bool {
+        let (mut cables, mut failed_units) = (Vec::new(), Vec::new());
+        for authority in group {
+            let faults = Faults::from_authority(authority);
+            let marked = |bits: u32, marks: &[bool]| -> Vec<usize> {
+                let marks = marks.iter().enumerate().filter(|(_, mark)| **mark && faults.bits & bits != 0);
+                marks.map(|(at, _)| at).collect()
+            };
+            cables.extend(marked(OF_CABLES, &faults.cables));
+            failed_units.extend(marked(OF_UNITS, &faults.units));
+        }
+        match self {
+            Self::Cable(number) => {
+                failed_units.is_empty() && !cables.is_empty() && !cables.contains(&number.wrapping_sub(1))
+            }
+            Self::Port(_) | Self::Unit { .. } => {
+                let is_it = |unit: &usize| units.get(*unit).is_none_or(|place| self.has(*place));
+                cables.is_empty() && !failed_units.is_empty() && !failed_units.iter().any(is_it)
+            }
+        }
+    }
+
+    /// Returns whether it is this unit, or its port.
+    fn has(self, (port, address): UnitPlace) -> bool {
+        self == Self::Port(port) || self == Self::Unit { port, address }
+    }
+}
+
+/// Returns the drive units in the system file of a run, in its order, in which faults number them; none without one.
+pub(super) fn units_of(run: &Path, inside: &[Attachment]) -> Vec<UnitPlace> {
+    let text = system_file_text(run, inside).unwrap_or_default();
+    let system: toml::Table = text.parse().unwrap_or_default();
+    let list = |value: Option<&toml::Value>| value.and_then(toml::Value::as_array).cloned().unwrap_or_default();
+    let ports = list(system.get("motor_io").and_then(|section| section.get("ports")));
+    let address = |unit: &toml::Value| u8::try_from(unit.get("address")?.as_integer()?).ok();
+    let units = (1..).zip(&ports).flat_map(|(number, port)| {
+        let units = list(port.get("units"));
+        units.iter().map(|unit| Some((number, address(unit)?))).collect::<Vec<Option<UnitPlace>>>()
+    });
+    // Behind a unit without an address no number is known.
+    units.map_while(|unit| unit).collect()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_part_of_a_request_is_its_cable_port_or_unit() {
+        assert_eq!(Part::of_request("slip 2 0.5 drum for 3"), Some(Part::Cable(2)));
+        assert_eq!(Part::of_request("noise 1 0.0005 for 1"), Some(Part::Port(1)));
+        for text in ["mute 2 0x81 for 1", "mute 2 129"] {
+            assert_eq!(Part::of_request(text), Some(Part::Unit { port: 2, address: 129 }), "{text}");
+        }
+        for text in ["supply 9", "kill controller", "slow controller 10", "stall", "stall x", "mute 1", ""] {
+            assert_eq!(Part::of_request(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn units_count_through_the_ports_of_the_system_file() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(units_of(folder.path(), &[]), []);
+        let text = "[[motor_io.ports]]\nunits = [{ address = 0x80, cables = [1] }, { address = 0x81, cables = [2] }]\n\
+                    [[motor_io.ports]]\nunits = [{ address = 0x80, cables = [3] }]\n";
+        std::fs::write(folder.path().join(runlog::SYSTEM_FILE), text).unwrap();
+        let units = units_of(folder.path(), &[]);
+        assert_eq!(units, [(1, 0x80), (1, 0x81), (2, 0x80)]);
+        let mut authority = MotorAuthority { faults: MotorAuthority::FAULT_LOST_UNIT, ..Default::default() };
+        authority.fault_unit[2] = 1;
+        let parts = ["mute 1 128", "mute 2 128", "silence 1", "silence 2"].map(|text| Part::of_request(text).unwrap());
+        assert_eq!(parts.map(|part| part.is_another(&[&authority], &units)), [true, false, true, false]);
+        assert_eq!(parts.map(|part| part.is_another(&[&authority], &[])), [false; 4], "which unit it is, is unknown");
+    }
+}
