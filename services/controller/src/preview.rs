@@ -8,12 +8,13 @@
 //! * while the misfit of the model ([`cable_control::drive_lag`]) is above `misfit_limit`;
 //! * while a newly identified model replaces the old one.
 
-use cable_control::drive_lag::{
-    CommandHistory, DriveLag, Identified, IdentifyError, LagFit, MAX_RECORD, MIN_RECORD, MisfitMeter, Record, Winch,
-};
+mod recorder;
+
+use cable_control::drive_lag::{CommandHistory, DriveLag, Identified, IdentifyError, MisfitMeter, Winch};
 use cable_control::preview::{DriveObserver, LeadCommand, LeadFilter, MAX_PREVIEW, PreviewError, PreviewGain};
 use cable_robot::{CableVec, MAX_CABLES};
 use messages::{MotorAuthority, MotorState, NodeEstimate, SLOTS};
+use recorder::Recorder;
 use thiserror::Error;
 
 /// Times in which the weight increases from 0 to 1 and decreases from 1 to 0, s. The increase is slower than the lag of
@@ -22,15 +23,6 @@ const FADE_S: [f64; 2] = [0.4, 0.15];
 
 /// Fraction of the misfit limit below which the model fits again; below 1 to avoid alternating at the limit.
 const GOOD_AGAIN: f64 = 0.8;
-
-/// Length of a record, s: the ramp of the speed profile and a little of the cruise.
-const RECORD_S: f64 = 1.0;
-
-/// Start of a record from which only the commands are used, s: the effect of earlier commands decays.
-const SETTLE_S: f64 = 0.5;
-
-/// Command below which a cable is at rest, m/s: smaller than the command for a position error of one encoder step.
-const REST_M_S: f64 = 2e-3;
 
 /// Misfit below which a model is not replaced by a better one.
 const GOOD_ENOUGH: f64 = 0.1;
@@ -114,97 +106,6 @@ struct Installed {
     gain: PreviewGain,
     lead: LeadFilter,
     twins: [DriveObserver; SLOTS],
-}
-
-/// Records commands and velocities, and identifies a model from them.
-#[derive(Debug, Clone)]
-struct Recorder {
-    commands_m_s: Vec<CableVec>,
-    velocities_m_s: Vec<CableVec>,
-    count: usize,
-    reading_s: CableVec,
-    ignored: usize,
-    /// Whether the robot has been at rest since the start of the record.
-    resting: bool,
-    fit: Option<LagFit>,
-}
-
-impl Recorder {
-    fn new() -> Self {
-        let empty = vec![CableVec::zeros(0); MAX_RECORD];
-        Self {
-            commands_m_s: empty.clone(),
-            velocities_m_s: empty,
-            count: 0,
-            reading_s: CableVec::zeros(0),
-            ignored: 0,
-            resting: true,
-            fit: None,
-        }
-    }
-
-    fn drop_record(&mut self) {
-        (self.count, self.resting, self.fit) = (0, true, None);
-    }
-
-    fn push(&mut self, command_m_s: CableVec, velocity_m_s: CableVec) {
-        if self.count < MAX_RECORD {
-            self.commands_m_s[self.count] = command_m_s;
-            self.velocities_m_s[self.count] = velocity_m_s;
-            self.count += 1;
-        }
-    }
-
-    fn record(&self, period_s: f64) -> Record<'_> {
-        Record {
-            period_s,
-            reading_s: self.reading_s,
-            commands_m_s: &self.commands_m_s[..self.count],
-            velocities_m_s: &self.velocities_m_s[..self.count],
-            ignored: self.ignored,
-        }
-    }
-
-    /// Processes one cycle: extends the record, or does one pass of the identification. Returns a result after the last
-    /// pass.
-    fn step(
-        &mut self,
-        command_m_s: CableVec,
-        velocity_m_s: CableVec,
-        reading_s: &CableVec,
-        period_s: f64,
-    ) -> Option<Result<Identified, IdentifyError>> {
-        if let Some(mut fit) = self.fit {
-            let done = fit.pass(&self.record(period_s)).transpose();
-            self.fit = Some(fit);
-            if done.is_some() {
-                self.drop_record();
-            }
-            return done;
-        }
-        self.ignored = (SETTLE_S / period_s).ceil() as usize;
-        self.resting &= command_m_s.max_abs() <= REST_M_S;
-        if self.resting && self.count >= self.ignored {
-            // Wait for the start of a motion, so that the record contains all of it.
-            return None;
-        }
-        self.reading_s = *reading_s;
-        self.push(command_m_s, velocity_m_s);
-        let full = self.ignored + ((RECORD_S / period_s).ceil() as usize).max(MIN_RECORD);
-        if self.count < full.min(MAX_RECORD) {
-            return None;
-        }
-        match LagFit::new(&self.record(period_s)) {
-            Ok(fit) => self.fit = Some(fit),
-            // A short motion or a steady cruise does not identify the drives; this is not reported.
-            Err(IdentifyError::NotExcited { .. }) => self.drop_record(),
-            Err(error) => {
-                self.drop_record();
-                return Some(Err(error));
-            }
-        }
-        None
-    }
 }
 
 /// Encoder readings of the last cycle.
