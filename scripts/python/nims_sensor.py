@@ -447,6 +447,7 @@ class _SharedMemory:
         self._bytes = (self._subscribers * (self._buffer + BORROWS) + self._history + 1) * size
         _need_room(self.channel, self._bytes)
         root = self.root = _root(domain)
+        self._processes = _processes(root)
         self._prefix, self._reserved, self._reserve_at = f"nims{_hash(root):08x}_", set(), 0.0
         config = iceoryx2.config.default()
         scope = config.global_cfg
@@ -540,23 +541,21 @@ class _SharedMemory:
         raise last
 
     def _event(self, channel):
-        places = PROCESSES if channel == "system/channels" else EVENT_PORTS
-        service = (
-            self._node.service_builder(iceoryx2.ServiceName.new(channel))
-            .event()
-            .max_notifiers(places)
-            .max_listeners(EVENT_PORTS)
-            .max_nodes(places)
-            .open_or_create()
-        )
+        places = self._processes if channel == "system/channels" else EVENT_PORTS
+        service = self._event_with(channel, places, EVENT_PORTS, places, lambda sized: sized.create())
         return service.notifier_builder().create()
 
     def _sheet(self, name, text):
         """A continuation of the definition, held open while the sensor runs."""
-        builder = lambda: self._node.service_builder(iceoryx2.ServiceName.new(name)).event().max_notifiers(1).max_listeners(1).max_nodes(PROCESSES)
+        return self._event_with(name, 1, 1, self._processes, lambda sized: sized.create_with_attributes(_attributes(text)))
+
+    def _event_with(self, name, notifiers, listeners, nodes, create):
+        """Opens an event with as many places as it has, or creates it with these."""
+        builder = lambda: self._node.service_builder(iceoryx2.ServiceName.new(name)).event()
+        sized = lambda: builder().max_notifiers(notifiers).max_listeners(listeners).max_nodes(nodes)
         last = None
         for _ in range(200):
-            for attempt in (lambda: builder().open(), lambda: builder().create_with_attributes(_attributes(text))):
+            for attempt in (lambda: builder().open(), lambda: create(sized())):
                 try:
                     return attempt()
                 except (iceoryx2.EventOpenError, iceoryx2.EventCreateError) as error:
@@ -581,6 +580,14 @@ class _SharedMemory:
 
     def close(self):
         del self._publisher, self._notifier, self._sheets, self._node
+
+
+def _processes(root):
+    """The number of processes for which the robot has places, as its supervisor states it."""
+    try:
+        return int(Path(root, "processes.txt").read_text())
+    except (OSError, ValueError):
+        return PROCESSES
 
 
 def _attributes(text, more=()):

@@ -109,6 +109,8 @@ fn the_bridge_to_ros_2_outlives_the_gateway_and_publishes_nothing_after_its_end(
 #[test]
 fn the_template_is_recorded_whole_under_its_own_field_names() {
     let (domain, folder) = (Domain::for_test(), tempfile::tempdir().unwrap());
+    // Fewer places than the sensor would reserve by itself.
+    domain.set_processes(64).unwrap();
     let bus = Bus::join(&domain, "test").unwrap();
     let mut beats = bus.subscriber::<Heartbeat>("system/heartbeat/recorder").unwrap();
     let recorder = std::env::current_exe().unwrap().parent().unwrap().join("../recorder");

@@ -10,16 +10,17 @@
 
 use iceoryx2::node::Node;
 use iceoryx2::prelude::{AttributeSpecifier, MessagingPattern, SemanticString, Service, ServiceName, ipc};
+use iceoryx2::service::ServiceDetails;
 use iceoryx2::service::attribute::AttributeSet;
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError};
 use iceoryx2::service::port_factory::event;
 use messages::schema::{is_same, without_comments};
-use messages::{documented, hash_of};
+use messages::{CHANNELS, documented, hash_of};
 use std::borrow::Cow;
+use std::collections::HashMap;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::error::PlaceKind;
-use crate::places::PROCESSES;
 use crate::{BusError, Domain};
 
 /// Bytes of one attribute's value, and attributes of one service (constants of iceoryx2).
@@ -80,13 +81,23 @@ pub(crate) fn continuations(
     node: &Node<ipc::Service>,
     domain: &Domain,
     text: &str,
+    processes: usize,
     give_up: u64,
 ) -> Result<Vec<SchemaContinuation>, BusError> {
     let rest = text.get(FIRST_BYTES..).unwrap_or_default();
     (1..)
         .zip(chunks(rest, CONTINUATION_BYTES))
-        .map(|(number, part)| continuation(node, domain, &continuation_name(&hash(text), number), part, give_up))
+        .map(|(number, part)| {
+            continuation(node, domain, &continuation_name(&hash(text), number), part, processes, give_up)
+        })
         .collect()
+}
+
+/// Returns the number of continuations of all types of this build.
+pub(crate) fn own_continuations() -> usize {
+    let texts: HashMap<_, _> = CHANNELS.iter().filter_map(|row| Some(((row.type_name?)(), (row.schema?)()))).collect();
+    let bytes = |(name, text): (&str, &str)| stored(name, text).len().saturating_sub(FIRST_BYTES);
+    texts.into_iter().map(|text| bytes(text).div_ceil(CONTINUATION_BYTES)).sum()
 }
 
 fn continuation(
@@ -94,23 +105,27 @@ fn continuation(
     domain: &Domain,
     name: &str,
     part: &str,
+    processes: usize,
     give_up: u64,
 ) -> Result<SchemaContinuation, BusError> {
     let service = ServiceName::new(name).map_err(|error| BusError::failed(name, "be named", &error))?;
     let specifier = parts(AttributeSpecifier::new(), part);
     let specifier = specifier.ok_or_else(|| BusError::failed(name, "be written", &"iceoryx2 rejects a part of it"))?;
-    let builder = || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(PROCESSES);
+    let builder = || node.service_builder(&service).event();
+    let sized = || builder().max_notifiers(1).max_listeners(1).max_nodes(processes);
     loop {
+        // Opened with as many places as it has: a process that joined with another number may have created it.
         let error = match builder().open() {
             Ok(continuation) => return Ok(continuation),
-            Err(EventOpenError::DoesNotExist) => match builder().create_with_attributes(&specifier) {
+            Err(EventOpenError::DoesNotExist) => match sized().create_with_attributes(&specifier) {
                 Ok(continuation) => return Ok(continuation),
                 Err(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance) => None,
                 Err(error) => Some(format!("{error:?}")),
             },
             Err(EventOpenError::ExceedsMaxNumberOfNodes) => {
-                let (channel, what) = (name.to_owned(), PlaceKind::Processes);
-                return Err(BusError::Full { channel, limit: PROCESSES, what, holders: String::new() });
+                let (channel, what) = (name.to_owned(), PlaceKind::RobotProcesses);
+                let limit = details(domain, name).map_or(processes, |found| found.static_details.event().max_nodes());
+                return Err(BusError::Full { channel, limit, what, holders: String::new() });
             }
             Err(error) => Some(format!("{error:?}")),
         };
@@ -133,15 +148,18 @@ pub(crate) fn read(domain: &Domain, type_name: &str, attributes: &AttributeSet) 
             break;
         }
         let Some(stated) = &hash_stated else { break };
-        let details = ServiceName::new(&continuation_name(stated, number))
-            .ok()
-            .and_then(|name| ipc::Service::details(&name, domain.config(), MessagingPattern::Event).ok().flatten());
+        let details = details(domain, &continuation_name(stated, number));
         let Some(details) = details else { break };
         text.push_str(&joined(details.static_details.attributes()));
     }
     let whole = !text.is_empty() && is_whole(&text);
     let known = documented(type_name).filter(|known| whole && is_same(known, &text)).map(str::to_owned);
     (known.or(whole.then_some(text)), hash_stated)
+}
+
+fn details(domain: &Domain, event: &str) -> Option<ServiceDetails<ipc::Service>> {
+    let name = ServiceName::new(event).ok()?;
+    ipc::Service::details(&name, domain.config(), MessagingPattern::Event).ok().flatten()
 }
 
 /// Opens the continuations of the text that another process has stored with a channel, if it is another text of the

@@ -39,9 +39,11 @@ pub(crate) const DEADMAN_SOCKET: &str = "deadman";
 const MARKER_FILE: &str = ".nims-domain";
 /// File with the path of the socket of the robot's gateway.
 const GATEWAY_FILE: &str = "gateway.txt";
+/// File with the number of processes for which the robot has places.
+pub(crate) const PROCESSES_FILE: &str = "processes.txt";
 /// Files of the supervisor and of the gateway (a trailing `.new` marks one that is being written), and the sockets of
 /// motor-io.
-const OWN_FILES: [&str; 10] = [
+const OWN_FILES: [&str; 12] = [
     "children.json",
     "children.json.new",
     "running.json",
@@ -50,6 +52,8 @@ const OWN_FILES: [&str; 10] = [
     "clock.txt.new",
     GATEWAY_FILE,
     "gateway.txt.new",
+    PROCESSES_FILE,
+    "processes.txt.new",
     ESTOP_SOCKET,
     DEADMAN_SOCKET,
 ];

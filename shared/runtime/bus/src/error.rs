@@ -84,7 +84,10 @@ pub enum BusError {
         holders: String,
     },
     /// All places of a kind are taken.
-    #[error("channel `{channel}` already has its {limit} {what}{}: stop one of them first", holders_clause(holders))]
+    #[error(
+        "channel `{channel}` already has its {limit} {what}{}: {}",
+        holders_clause(holders), full_cure(*what)
+    )]
     Full {
         /// Name of the channel.
         channel: String,
@@ -173,6 +176,9 @@ pub enum PlaceKind {
     /// Processes that have the channel open.
     #[error("processes")]
     Processes,
+    /// Processes of the robot, for which its system file sets the number.
+    #[error("processes of the robot")]
+    RobotProcesses,
     /// Notifiers of the event.
     #[error("processes that notify it")]
     Wakers,
@@ -271,6 +277,16 @@ fn holders_or_default(holders: &str) -> &str {
 /// Returns a clause with the processes that have the channel open; empty if they are unknown.
 fn holders_clause(holders: &str) -> String {
     if holders.is_empty() { String::new() } else { format!("; open in {holders}") }
+}
+
+/// Returns what to do about places that are all taken.
+fn full_cure(what: PlaceKind) -> &'static str {
+    match what {
+        PlaceKind::RobotProcesses => {
+            "stop one of them first, or raise `processes` of [bus] in the system file and start the robot again"
+        }
+        _ => "stop one of them first",
+    }
 }
 
 /// Returns what to do about two types on one channel: give a changed sensor a new name, and start all else from one

@@ -14,18 +14,18 @@ use iceoryx2::prelude::{
 };
 use iceoryx2::service::ServiceDetails;
 use iceoryx2::service::attribute::AttributeSet;
-use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenError};
 use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeCreateError, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use messages::ros::Payload;
 use messages::{Quality, quality_for};
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
 use crate::definition::{self, SchemaContinuation};
 use crate::domain::info_of;
 use crate::error::{PlaceKind, THIS_PROCESS};
-use crate::places::{PROCESSES, Participant, Refused, collect_listed};
+use crate::limits::raise_descriptor_limit;
+use crate::places::{Participant, Refused, collect_listed};
 use crate::shm_sample::ShmSample;
 use crate::{BusError, CHANNELS_EVENT, Domain};
 
@@ -41,7 +41,7 @@ const JOIN_PAUSE: Duration = Duration::from_millis(20);
 const IDLE_CLEANINGS: usize = 25;
 const CLEANING_PAUSE: Duration = Duration::from_millis(20);
 /// Largest number of notifiers, of listeners and of processes of a channel's event, which may have one notifier more
-/// than publishers, that of a successor.
+/// than publishers, that of a successor. That of new channels has a place for each process of the robot.
 const EVENT_PORTS: usize = 64;
 /// Largest event id: all notifiers have the one that iceoryx2 gives by default. A listener that wakes up clears a
 /// counter for each possible one, which are 256 if another program has created the event.
@@ -50,8 +50,6 @@ const MOST_EVENT_ID: usize = 0;
 pub(crate) const LOANS: usize = 1;
 /// Samples that a subscriber borrows at once: it copies one and returns it.
 pub(crate) const BORROWS: usize = 1;
-/// Limit of open descriptors: the recorder uses 5 for each channel, and 3 channels for each process of a robot.
-const DESCRIPTORS: u64 = 5 * 3 * PROCESSES as u64 + 1024;
 
 pub(crate) type PubSub<P> = publish_subscribe::PortFactory<ipc::Service, P, ()>;
 
@@ -83,10 +81,12 @@ pub struct Bus {
     process: String,
     pub(crate) party: Participant,
     pub(crate) port_name: PortName,
+    /// Processes for which this one reserves places in what it creates.
+    processes: usize,
     /// Time to wait while another process creates a channel, ns.
     patience_ns: Cell<u64>,
-    /// Announces new channels; `None` if all places are taken, which stays so.
-    announcer: OnceCell<Option<Notifier<ipc::Service>>>,
+    /// Announces new channels; the error if all places are taken, which stays so.
+    announcer: OnceCell<Result<Notifier<ipc::Service>, BusError>>,
     /// Continuations of long schema texts by type name, open as long as this value exists.
     continuations: RefCell<HashMap<String, Vec<SchemaContinuation>>>,
 }
@@ -110,7 +110,8 @@ impl Bus {
         let failed =
             |why: String| BusError::Join { process: process.to_owned(), domain: domain.name().to_owned(), why };
         set_log_level(LogLevel::Fatal); // iceoryx2 also returns its problems as errors
-        raise_descriptor_limit();
+        let processes = domain.processes();
+        raise_descriptor_limit(processes);
         let port_name = party
             .port_name(process)
             .map_err(|_| failed("its name is longer than 63 bytes or not plain ASCII".to_owned()))?;
@@ -157,6 +158,7 @@ impl Bus {
             process: process.to_owned(),
             party,
             port_name,
+            processes,
             patience_ns: Cell::new(OPEN_TIMEOUT_NS),
             announcer,
             continuations,
@@ -213,7 +215,7 @@ impl Bus {
         let text = definition::stored(type_name, schema);
         let attributes = definition::attributes(type_name, &text)?;
         if !self.continuations.borrow().contains_key(type_name) {
-            let continuations = definition::continuations(&self.node, &self.domain, &text, self.give_up_ns())?;
+            let continuations = self.hold_text(&text)?;
             self.continuations.borrow_mut().insert(type_name.to_owned(), continuations);
         }
         let give_up = self.give_up_ns();
@@ -257,6 +259,15 @@ impl Bus {
             }
             self.domain.remove_half_made();
             sleep_until(now_ns() + 2_000_000);
+        }
+    }
+
+    /// Creates or opens the continuations of a schema text, after a clean-up if all places are taken.
+    fn hold_text(&self, text: &str) -> Result<Vec<SchemaContinuation>, BusError> {
+        let held = || definition::continuations(&self.node, &self.domain, text, self.processes, self.give_up_ns());
+        match held() {
+            Err(BusError::Full { .. }) => self.after_cleaning(held),
+            held => held,
         }
     }
 
@@ -314,45 +325,54 @@ impl Bus {
         if holders.is_empty() { "a process that has died".to_owned() } else { holders.join(", ") }
     }
 
-    /// Opens or creates the event of a channel.
+    /// Opens the event of a channel with as many places as it has, or creates it: a process that joined with another
+    /// number of places may have created it.
     pub(crate) fn open_event(&self, channel: &str) -> Result<event::PortFactory<ipc::Service>, BusError> {
         let name = service_name(channel)?;
         self.need(0, channel)?;
         let give_up = self.give_up_ns();
-        let places = event_places(channel);
-        let mut cleaned = false;
-        loop {
-            let made = self
-                .node
-                .service_builder(&name)
-                .event()
+        let places = if channel == CHANNELS_EVENT { self.processes } else { EVENT_PORTS };
+        let builder = || self.node.service_builder(&name).event();
+        let sized = || {
+            builder()
                 .event_id_max_value(MOST_EVENT_ID)
                 .max_notifiers(places)
                 .max_listeners(EVENT_PORTS)
                 .max_nodes(places)
-                .open_or_create();
-            match made {
+        };
+        let mut cleaned = false;
+        loop {
+            let error = match builder().open() {
                 Ok(service) => return Ok(service),
-                Err(EventOpenOrCreateError::EventOpenError(EventOpenError::ExceedsMaxNumberOfNodes)) if !cleaned => {
+                Err(EventOpenError::DoesNotExist) => match sized().create() {
+                    Ok(service) => return Ok(service),
+                    Err(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance) => None,
+                    Err(error) => return Err(BusError::failed(channel, "make its event", &error)),
+                },
+                Err(EventOpenError::ExceedsMaxNumberOfNodes) if !cleaned => {
                     self.clean();
                     cleaned = true;
+                    continue;
                 }
-                Err(EventOpenOrCreateError::EventOpenError(EventOpenError::ExceedsMaxNumberOfNodes)) => {
-                    return Err(self.full(channel, MessagingPattern::Event, places, PlaceKind::Processes));
+                Err(EventOpenError::ExceedsMaxNumberOfNodes) => {
+                    let found = self.details(channel, MessagingPattern::Event);
+                    let limit = found.map_or(places, |found| found.static_details.event().max_nodes());
+                    let what = of_robot(channel, PlaceKind::Processes);
+                    return Err(self.full(channel, MessagingPattern::Event, limit, what));
                 }
-                Err(error) if now_ns() > give_up => return Err(BusError::failed(channel, "open its event", &error)),
-                Err(EventOpenOrCreateError::EventOpenError(_) | EventOpenOrCreateError::SystemInFlux) => {
-                    self.domain.remove_half_made();
-                    sleep_until(now_ns() + 2_000_000);
-                }
-                Err(error) => return Err(BusError::failed(channel, "make its event", &error)),
+                Err(error) => Some(error),
+            };
+            if now_ns() > give_up {
+                return Err(BusError::failed(channel, "open its event", &error));
             }
+            self.domain.remove_half_made();
+            sleep_until(now_ns() + 2_000_000);
         }
     }
 
     pub(crate) fn notifier(&self, channel: &str) -> Result<Notifier<ipc::Service>, BusError> {
         let service = self.open_event(channel)?;
-        let places = event_places(channel);
+        let places = service.static_config().max_notifiers();
         let make = || service.notifier_builder().name(&self.port_name).default_event_id(EventId::new(0)).create();
         let taken = || {
             collect_listed(|note| {
@@ -363,7 +383,9 @@ impl Bus {
             })
         };
         self.take_place(places, taken, make).map_err(|refused| match refused {
-            Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, PlaceKind::Wakers),
+            Refused::NoPlace(limit) => {
+                self.full(channel, MessagingPattern::Event, limit, of_robot(channel, PlaceKind::Wakers))
+            }
             Refused::Error(error) => BusError::failed(channel, "make its event", &error),
         })
     }
@@ -379,7 +401,8 @@ impl Bus {
                 });
             })
         };
-        self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
+        let places = service.static_config().max_listeners();
+        self.take_place(places, taken, make).map_err(|refused| match refused {
             Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, PlaceKind::Waiters),
             Refused::Error(error) => BusError::failed(channel, "be waited for", &error),
         })
@@ -387,7 +410,10 @@ impl Bus {
 
     /// Returns the error for a channel, event or requests without a free place of this kind.
     pub(crate) fn full(&self, channel: &str, pattern: MessagingPattern, limit: usize, what: PlaceKind) -> BusError {
-        BusError::Full { channel: channel.to_owned(), limit, what, holders: self.holders_of(channel, pattern) }
+        // A robot has too many processes for a sentence.
+        let is_all = what == PlaceKind::RobotProcesses;
+        let holders = if is_all { String::new() } else { self.holders_of(channel, pattern) };
+        BusError::Full { channel: channel.to_owned(), limit, what, holders }
     }
 
     /// Calls `make` after a clean-up, because a process that has died since this one joined may hold a place. Only one
@@ -413,14 +439,21 @@ impl Bus {
     pub(crate) fn announce(&self) {
         if self.announcer.get().is_none() {
             match self.notifier(CHANNELS_EVENT) {
-                Ok(notifier) => drop(self.announcer.set(Some(notifier))),
-                Err(BusError::Full { .. }) => drop(self.announcer.set(None)),
+                Ok(notifier) => drop(self.announcer.set(Ok(notifier))),
+                Err(error @ BusError::Full { .. }) => drop(self.announcer.set(Err(error))),
                 Err(_) => {}
             }
         }
-        if let Some(Some(announcer)) = self.announcer.get() {
+        if let Some(Ok(announcer)) = self.announcer.get() {
             let _ = announcer.notify();
         }
+    }
+
+    /// Returns why this process cannot announce its channels, if so: the robot has as many processes as it has places
+    /// for. Its channels work, and are found up to a second later.
+    #[must_use]
+    pub fn unannounced(&self) -> Option<&BusError> {
+        self.announcer.get()?.as_ref().err()
     }
 
     /// Removes the objects of killed processes, e.g. their places in channels. Takes about a millisecond per process.
@@ -450,9 +483,9 @@ pub(crate) fn sized<P: IceoryxSend + Debug + ?Sized, H: ZeroCopySend + Debug>(
         .max_nodes(quality.nodes)
 }
 
-/// Largest number of notifiers and of processes of an event.
-fn event_places(channel: &str) -> usize {
-    if channel == CHANNELS_EVENT { PROCESSES } else { EVENT_PORTS }
+/// The kind of the places of an event: every process of a robot has one in that of new channels.
+fn of_robot(channel: &str, what: PlaceKind) -> PlaceKind {
+    if channel == CHANNELS_EVENT { PlaceKind::RobotProcesses } else { what }
 }
 
 fn quality_mismatch(channel: String, why: &str, holders: String) -> BusError {
@@ -477,13 +510,4 @@ pub(crate) fn service_name(channel: &str) -> Result<ServiceName, BusError> {
         return Err(bad());
     }
     ServiceName::new(channel).map_err(|_| bad())
-}
-
-/// Raises the limit of open descriptors: each port needs about five, and the default limit of many systems is 1024.
-fn raise_descriptor_limit() {
-    let limit = getrlimit(Resource::Nofile);
-    let wanted = limit.maximum.map_or(DESCRIPTORS, |most| most.min(DESCRIPTORS));
-    if limit.current.is_some_and(|now| now < wanted) {
-        let _ = setrlimit(Resource::Nofile, Rlimit { current: Some(wanted), maximum: limit.maximum });
-    }
 }

@@ -5,10 +5,6 @@
 
 use iceoryx2::prelude::{PortName, SemanticStringError};
 
-/// Largest number of processes of a robot: each announces its channels with [`crate::CHANNELS_EVENT`] and holds the
-/// schema texts of its types. Every place is reserved in shared memory, in each of these events.
-pub(crate) const PROCESSES: usize = 1024;
-
 /// Kind of participant, in ascending order of importance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub enum Participant {

@@ -157,6 +157,10 @@ const SLOW_VISUALIZATION: Quality =
 /// Configurations: published at the start and on a change, kept for late subscribers.
 const CONFIG: Quality = Quality { buffer: 4, history: 2, late: 2, publishers: 1, subscribers: 24, nodes: 48 };
 
+/// Processes of a robot at once, unless `[bus]` of its system file states another number: three times those of a robot
+/// with 300 sensors (`scripts/width`).
+pub const PROCESSES: usize = 1024;
+
 const fn row<T: Payload>(pattern: &'static str, publisher: &'static str, quality: Quality) -> Channel {
     Channel { pattern, publisher, type_name: Some(T::type_name), schema: Some(T::schema), quality }
 }

@@ -43,8 +43,8 @@ mod system;
 mod text;
 
 pub use channels::{
-    CHANNELS, Channel, ChannelVisitor, Quality, channel_of, documented, quality_for, quality_of, quality_of_blobs,
-    visit_first_channels,
+    CHANNELS, Channel, ChannelVisitor, PROCESSES, Quality, channel_of, documented, quality_for, quality_of,
+    quality_of_blobs, visit_first_channels,
 };
 pub use config::SystemConfig;
 pub use declaration::{Declaration, DeclarationError};

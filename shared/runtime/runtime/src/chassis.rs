@@ -126,6 +126,9 @@ impl Chassis {
         let file = args.system_file.as_deref().zip(system_file.as_ref());
         let declared = DeclaredConfig::new(port, &name, beat.incarnation, role, file);
         let log = logging::start(&bus, args.verbose)?;
+        if let Some(full) = bus.unannounced() {
+            warn!("{full}; until then the channels of this process are found up to a second later");
+        }
         let nothing = RealtimeSection::default();
         let (reached, warning) = realtime::apply(system_file.as_ref().map_or(&nothing, |file| &file.realtime), role);
         if let Some(warning) = warning {

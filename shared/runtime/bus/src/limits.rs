@@ -1,0 +1,62 @@
+//! The number of processes for which a robot has places in shared memory.
+//!
+//! Each process announces its channels with [`crate::CHANNELS_EVENT`] and holds the schema texts of its types. iceoryx2
+//! reserves every place of an event when the event is created. So the owner of a domain states the number in the
+//! domain's folder before the first process joins, and each process reads it once, when it joins. A process that has
+//! joined with another number opens what exists with as many places as that has.
+
+use std::fs;
+
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+
+use crate::definition;
+use crate::domain::PROCESSES_FILE;
+use crate::{BusError, Domain};
+
+/// Size of the event of new channels without its places, and of each place: a process and its notifier, bytes. Measured
+/// with iceoryx2 0.10, as the next one; a test compares both.
+const ANNOUNCEMENTS_BYTES: [u64; 2] = [8519, 160];
+/// Size of a continuation of a schema text without its places, and of each place: a process, bytes.
+const TEXT_BYTES: [u64; 2] = [583, 32];
+/// Unit in which memory is allocated, bytes.
+const PAGE_BYTES: u64 = 4096;
+
+impl Domain {
+    /// States for how many processes those that join from now on reserve places. Until it is stated, these are
+    /// [`messages::PROCESSES`].
+    ///
+    /// # Errors
+    /// [`BusError::DomainFolder`] if the folder cannot be written.
+    pub fn set_processes(&self, processes: usize) -> Result<(), BusError> {
+        let (path, fresh) = (self.root().join(PROCESSES_FILE), self.root().join(format!("{PROCESSES_FILE}.new")));
+        let written = fs::write(&fresh, format!("{processes}\n")).and_then(|()| fs::rename(&fresh, &path));
+        written.map_err(|error| BusError::DomainFolder { path, why: error.into() })
+    }
+
+    /// Returns for how many processes a process that joins now reserves places.
+    #[must_use]
+    pub fn processes(&self) -> usize {
+        let text = fs::read_to_string(self.root().join(PROCESSES_FILE)).ok();
+        text.and_then(|text| text.trim_end().parse().ok()).unwrap_or(messages::PROCESSES)
+    }
+}
+
+/// Raises the limit of open descriptors, as far as the system permits, to what the recorder of so many processes opens:
+/// 5 for each channel, and 3 channels for each process. The default limit of many systems is 1024.
+pub(crate) fn raise_descriptor_limit(processes: usize) {
+    let wanted = 5 * 3 * processes as u64 + 1024;
+    let limit = getrlimit(Resource::Nofile);
+    let wanted = limit.maximum.map_or(wanted, |most| most.min(wanted));
+    if limit.current.is_some_and(|now| now < wanted) {
+        let _ = setrlimit(Resource::Nofile, Rlimit { current: Some(wanted), maximum: limit.maximum });
+    }
+}
+
+/// Returns the shared memory of a robot's places, bytes: the sizes of the files that iceoryx2 creates for the event of
+/// new channels and for each continuation of a schema text of this build, in whole pages. A type of another program with
+/// a long definition takes one continuation more.
+#[must_use]
+pub fn places_bytes(processes: usize) -> u64 {
+    let file = |[all, place]: [u64; 2]| (all + place * processes as u64).next_multiple_of(PAGE_BYTES);
+    file(ANNOUNCEMENTS_BYTES) + definition::own_continuations() as u64 * file(TEXT_BYTES)
+}

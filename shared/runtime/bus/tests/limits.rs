@@ -1,0 +1,116 @@
+//! The number of processes of a robot, as its owner sets it, and the memory of their places.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use bus::{Bus, BusError, CHANNELS_EVENT, Domain, Participant, PlaceKind, Publisher, TestDomain, places_bytes};
+use messages::ros::{MarkerArray, Payload};
+use messages::{Heartbeat, MotorAuthority, MotorInput, PROCESSES, Reading};
+
+fn domain_with(processes: usize) -> TestDomain {
+    let domain = Domain::for_test();
+    domain.set_processes(processes).unwrap();
+    domain
+}
+
+/// Joins and announces a channel of its own, as each process of a robot does with its heartbeat.
+fn join(domain: &Domain, name: &str) -> (Bus, Publisher<Heartbeat>) {
+    let bus = Bus::join(domain, name).unwrap();
+    let heartbeat = bus.publisher(&format!("system/heartbeat/{name}")).unwrap();
+    (bus, heartbeat)
+}
+
+/// Joins so many processes.
+fn join_all(domain: &Domain, processes: usize) -> Vec<(Bus, Publisher<Heartbeat>)> {
+    (0..processes).map(|number| join(domain, &format!("p{number}"))).collect()
+}
+
+/// The number of processes for which the domain has places, as the first process in excess is told it.
+fn full_at(domain: &Domain) -> usize {
+    let (excess, _heartbeat) = join(domain, "excess");
+    let error = excess.unannounced().expect("the robot is full");
+    let BusError::Full { channel, limit, what: PlaceKind::RobotProcesses, .. } = error else { panic!("{error}") };
+    assert_eq!(channel, CHANNELS_EVENT);
+    let sentence = error.to_string();
+    assert!([&limit.to_string(), "`processes`", "[bus]"].iter().all(|part| sentence.contains(part)), "{sentence}");
+    *limit
+}
+
+/// Bytes that the first channel takes in addition to a second one of its type: what is created for both.
+fn shared_bytes<T: Payload>(domain: &Domain, bus: &Bus, name: &str) -> u64 {
+    let used = || domain.memory().used;
+    let begin = used();
+    let _first = bus.publisher::<T>(&format!("sensor/{name}-1")).unwrap();
+    let between = used();
+    let _second = bus.publisher::<T>(&format!("sensor/{name}-2")).unwrap();
+    (between - begin) - (used() - between)
+}
+
+#[test]
+fn the_stated_memory_is_that_of_the_files() {
+    for processes in [1, 64, 500, PROCESSES, 4096] {
+        let domain = domain_with(processes);
+        let bus = Bus::join(&domain, "test").unwrap();
+        // The first channel of a process also creates the event of new channels. A short definition is in its channel.
+        let announcements = shared_bytes::<Reading>(&domain, &bus, "reading");
+        assert_eq!(shared_bytes::<Reading>(&domain, &bus, "other"), 0);
+        let definitions = shared_bytes::<MotorAuthority>(&domain, &bus, "authority")
+            + shared_bytes::<MotorInput>(&domain, &bus, "input")
+            + shared_bytes::<MarkerArray>(&domain, &bus, "markers");
+        assert_eq!(announcements + definitions, places_bytes(processes), "{processes}");
+        assert_eq!(domain.memory().unreserved, 0);
+    }
+}
+
+/// 70 are more than the 64 places of another event.
+#[test]
+fn a_robot_has_as_many_places_as_its_owner_states() {
+    for processes in [3, 70] {
+        let domain = domain_with(processes);
+        let all = join_all(&domain, processes);
+        assert!(all.iter().all(|(bus, _)| bus.unannounced().is_none()), "{processes}");
+        assert_eq!(full_at(&domain), processes);
+        // The place of a process that ends is free again.
+        drop(all);
+        assert!(join(&domain, "next").0.unannounced().is_none());
+    }
+    assert_eq!(Domain::for_test().processes(), PROCESSES);
+}
+
+/// A long definition has a place for each process too. Without one its channel is refused at once, also for observers.
+#[test]
+fn a_definition_is_held_by_as_many_processes() {
+    let domain = domain_with(3);
+    let bus = |number: usize| Bus::join_as(&domain, &format!("p{number}"), Participant::Member).unwrap();
+    let publish = |bus: &Bus, number: usize| bus.publisher::<MotorInput>(&format!("sensor/input-{number}"));
+    let holders: Vec<_> = (0..3)
+        .map(|number| {
+            let bus = bus(number);
+            let publisher = publish(&bus, number).unwrap();
+            (bus, publisher)
+        })
+        .collect();
+    let error = publish(&bus(3), 3).unwrap_err();
+    assert!(matches!(error, BusError::Full { limit: 3, what: PlaceKind::RobotProcesses, .. }), "{error}");
+    drop(holders);
+    publish(&bus(4), 4).unwrap();
+}
+
+/// Programs read the number when they join: one that joined before it was stated, or after it was stated again, meets
+/// what others have created.
+#[test]
+fn processes_that_joined_with_other_numbers_meet() {
+    for (first, second) in [(None, 3), (None, 4096), (Some(3), PROCESSES), (Some(4096), 3)] {
+        let domain = Domain::for_test();
+        first.into_iter().for_each(|first| domain.set_processes(first).unwrap());
+        let (early, _early) = join(&domain, "early");
+        let _authority = early.publisher::<MotorAuthority>("motor/authority").unwrap();
+        domain.set_processes(second).unwrap();
+        let (late, _late) = join(&domain, "late");
+        let _waiter = late.waiter(&[CHANNELS_EVENT]).unwrap();
+        let _authority = late.subscriber::<MotorAuthority>("motor/authority").unwrap();
+        assert!(early.unannounced().is_none() && late.unannounced().is_none(), "{first:?} {second}");
+        if first == Some(3) {
+            let _third = join(&domain, "third");
+            assert_eq!(full_at(&domain), 3, "the event has the places with which it was created");
+        }
+    }
+}
