@@ -102,6 +102,8 @@ impl Supervisor {
         let earlier = Running::read(&domain);
         let orphans = stale_processes::end(&domain)?;
         domain.sweep()?;
+        // Every process reads it when it joins.
+        domain.set_processes(file.bus.processes)?;
         let folder = RunFolder::create(&file, &system_path, wanted.run, wanted.mission)?;
         // Recorder, visualization and viewer convert stamps to calendar time with this pair.
         let clock = runlog::RunClock::now();

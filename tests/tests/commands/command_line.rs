@@ -116,6 +116,7 @@ pub const BAD_SYSTEMS: &[(&str, &str, &[&str])] = &[
     ("# watchdog_s = 0.3 ", "watchdog_s = 0.25 ", &["watchdog_s", "0.1"]),
     ("start_m = [4.8, 3.0, 0.3]", "start_m = [4.8, 3.0, -0.3]", &["start_m", "ground_m"]),
     ("start_m = [4.8, 3.0, 0.3]", "start_m = [4.8, nan, 0.3]", &["start_m", "NaN"]),
+    ("[motor_box]", "[bus]\nprocesses = 63\n[motor_box]", &["bus.processes", "63", "64", "4096"]),
 ];
 
 #[test]

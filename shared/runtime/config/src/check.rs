@@ -110,6 +110,7 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Pr
     gateway::check(&file.gateway)?;
     logger::check(&file.sensor_logger)?;
     file.realtime.check_ranges("realtime")?;
+    file.bus.check_ranges("bus")?;
     process::check(&file.process)?;
     plugin::check(file)
 }

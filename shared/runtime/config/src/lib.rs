@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 mod arbiter;
+mod bus;
 mod check;
 mod choice;
 mod controller;
@@ -46,6 +47,7 @@ mod uncertainty;
 mod viewer;
 
 pub use arbiter::ArbiterSection;
+pub use bus::BusSection;
 pub use choice::UnknownChoice;
 pub use controller::{ControlLaw, ControllerSection, TensionDistribution};
 pub use drive_family::{DriveFamily, DriveProtocol, Remedies, Wire};

@@ -1,8 +1,9 @@
 //! The system file: processes, drives, control rate and parameters of a robot.
 
 use super::{
-    ArbiterSection, ControllerSection, EstimatorSection, GatewaySection, MotorBoxTable, MotorIoSection, PlannerSection,
-    PluginSection, ProcessSection, RealtimeSection, RecorderSection, SensorLoggerSection, ViewerSection,
+    ArbiterSection, BusSection, ControllerSection, EstimatorSection, GatewaySection, MotorBoxTable, MotorIoSection,
+    PlannerSection, PluginSection, ProcessSection, RealtimeSection, RecorderSection, SensorLoggerSection,
+    ViewerSection,
 };
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -53,6 +54,9 @@ pub struct SystemFile {
     /// Scheduling of the control chain.
     #[serde(default)]
     pub realtime: RealtimeSection,
+    /// Places in shared memory.
+    #[serde(default)]
+    pub bus: BusSection,
     /// Processes in addition to the standard ones, or replacements of them.
     #[serde(default)]
     pub process: Vec<ProcessSection>,

@@ -200,6 +200,11 @@ pub fn system(file: &SystemFile) -> Answer<Vec<Finding>> {
         1000.0 * watchdog * node,
         1000.0 * watchdog * cable
     )));
+    findings.push(note(format!(
+        "places for {} processes take {:.2} MB of shared memory; each process that runs takes more for its channels",
+        file.bus.processes,
+        bus::places_bytes(file.bus.processes) as f64 * 1e-6
+    )));
     let fastest_hz = highest_rate_hz(file);
     for (index, port) in file.motor_io.ports.iter().enumerate() {
         let seconds = cycle_s(port);
