@@ -287,6 +287,39 @@ fn every_crate_has_the_workspace_lints_and_a_purpose() {
     }
 }
 
+/// Whether the documentation in a file has an example that rustdoc runs or compiles.
+fn has_example(text: &str) -> bool {
+    let documentation = text.lines().filter_map(|line| {
+        let line = line.trim_start();
+        line.strip_prefix("//!").or_else(|| line.strip_prefix("///"))
+    });
+    let fences = documentation.filter_map(|line| line.trim_start().strip_prefix("```"));
+    // Every second fence closes a block.
+    fences.step_by(2).any(|languages| {
+        let rust = ["", "rust", "no_run", "should_panic", "compile_fail", "ignore"];
+        languages.split(',').all(|word| rust.contains(&word.trim()))
+    })
+}
+
+/// A test program and a run of rustdoc take time even if there is nothing to test, and what is there has to be tested.
+#[test]
+fn a_library_is_tested_exactly_if_it_has_tests() {
+    for (name, package) in packages().iter().filter(|(_, package)| !package.separate) {
+        let manifest = std::fs::read_to_string(package.folder.join("Cargo.toml")).unwrap();
+        let manifest: toml::Table = manifest.parse().unwrap();
+        let set = |key: &str| manifest.get("lib").and_then(|lib| lib.get(key)).and_then(toml::Value::as_bool);
+        let sources = sources(package);
+        // The tests of the suite are those of the families that run it.
+        let tests = sources.iter().any(|(_, text)| text.contains("#[cfg(test)]"));
+        let examples = sources.iter().any(|(_, text)| has_example(text));
+        for (key, has, what) in [("test", tests, "tests"), ("doctest", examples, "examples in its documentation")] {
+            let tested = set(key).unwrap_or(true);
+            assert!(tested || !has, "{name} has {what}: take `{key} = false` out of [lib] in its Cargo.toml");
+            assert!(has || !tested, "{name} has no {what}: set `{key} = false` under [lib] in its Cargo.toml");
+        }
+    }
+}
+
 /// Whether code names a crate: at the beginning of a path or of a macro, or in `use`.
 fn names(code: &str, dependency: &str) -> bool {
     let name = dependency.replace('-', "_");
