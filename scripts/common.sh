@@ -187,8 +187,24 @@ need_python_packages() {
     cp "$wanted" "$stamp"
 }
 
+# Begins to make .venv, which takes twenty seconds of one processor and waits for network and disk. `need_python` waits
+# for it, and `tidy` ends it.
+begin_python() {
+    if [ -n "${NIMS_PYTHON:-}" ] || cmp -s tests/python/requirements.txt .venv/.requirements.txt; then return; fi
+    need_python_itself
+    # A group of its own, so that it ends with its children.
+    set -m
+    need_python_packages </dev/null &
+    PYTHON_MAKER=$!
+    set +m
+}
+
 # Sets NIMS_PYTHON, unless it is set already.
 need_python() {
+    if [ -n "${PYTHON_MAKER:-}" ]; then
+        wait "$PYTHON_MAKER" || exit 1
+        PYTHON_MAKER=
+    fi
     if [ -n "${NIMS_PYTHON:-}" ]; then
         say "using $NIMS_PYTHON"
     else
@@ -359,4 +375,5 @@ run_tests_as_nobody() {
 tidy() {
     rm -rf ${NIMS_TEST_HOME:+"$NIMS_TEST_HOME"} ${NOTES:+"$NOTES"} ${STEP:+"$STEP"}
     [ -z "${TICKER:-}" ] || kill "$TICKER" 2>/dev/null || true
+    [ -z "${PYTHON_MAKER:-}" ] || kill -- "-$PYTHON_MAKER" 2>/dev/null || true
 }
