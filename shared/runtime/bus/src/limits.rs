@@ -53,8 +53,8 @@ pub(crate) fn raise_descriptor_limit(processes: usize) {
 }
 
 /// Returns the shared memory of a robot's places, bytes: the sizes of the files that iceoryx2 creates for the event of
-/// new channels and for each continuation of a schema text of this build, in whole pages. A type of another program with
-/// a long definition takes one continuation more.
+/// new channels and for each continuation of a schema text of this build, in whole pages. A type of another program
+/// with a long definition takes one continuation more.
 #[must_use]
 pub fn places_bytes(processes: usize) -> u64 {
     let file = |[all, place]: [u64; 2]| (all + place * processes as u64).next_multiple_of(PAGE_BYTES);
