@@ -37,8 +37,8 @@ pub struct Sensor {
     /// Number of values that are not in [`Sensor::values`]: those beyond the limit by number and name, and those of
     /// arrays by the number of the first one and the name of the field.
     left_out: BTreeMap<(usize, String), usize>,
-    /// Of a custom type: its values without arrays, each with its number among all values. By the index of the channel, because a
-    /// sensor may have another type after its recorder was restarted.
+    /// Of a custom type: its values without arrays, each with its number among all values. By the index of the channel,
+    /// because a sensor may have another type after its recorder was restarted.
     fields: BTreeMap<usize, Vec<(usize, SchemaField)>>,
     /// Its entry in the system file.
     settings: LoggedSensorSection,
