@@ -202,7 +202,7 @@ begin_python() {
 # Sets NIMS_PYTHON, unless it is set already.
 need_python() {
     if [ -n "${PYTHON_MAKER:-}" ]; then
-        wait "$PYTHON_MAKER" || exit 1
+        wait "$PYTHON_MAKER" || give_up "the Python packages could not be made: the reason stands above"
         PYTHON_MAKER=
     fi
     if [ -n "${NIMS_PYTHON:-}" ]; then

@@ -89,7 +89,7 @@ impl Controller {
     pub fn fork(&self) -> Option<Self> {
         let Self { config, motion, preview, answered, life, fades, .. } = self;
         (config.law != Law::Custom).then(|| Self {
-            motion: *motion,
+            motion: motion.clone(),
             preview: preview.clone(),
             answered: *answered,
             life: *life,
@@ -338,7 +338,7 @@ impl Controller {
         instant: &Instant,
     ) -> Option<Target> {
         let motion = CurrentMotion::update(&mut self.motion, message, authority)?;
-        Some(Target::at(&self.config, &motion, authority, instant))
+        Some(Target::at(&self.config, motion, authority, instant))
     }
 
     fn answer(

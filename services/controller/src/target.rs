@@ -9,7 +9,7 @@ use crate::instant::Instant;
 use crate::settings::ControllerConfig;
 
 /// The motion of the last plan/motion.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct CurrentMotion {
     beat: u64,
     number: u32,
@@ -23,15 +23,16 @@ impl CurrentMotion {
     ///
     /// The current motion is followed as long as the epoch is valid, even if its planner dies and a restarted planner
     /// publishes something else.
-    pub fn update(
-        current: &mut Option<Self>,
+    pub fn update<'a>(
+        current: &'a mut Option<Self>,
         message: Option<&PlanMotion>,
         authority: &MotorAuthority,
-    ) -> Option<Motion> {
+    ) -> Option<&'a Motion> {
         let message = message.filter(|message| {
             message.motion != 0 && message.epoch == authority.epoch && same_life(&message.header, &authority.header)
         });
-        let orphaned = current.is_some_and(|current| {
+        // By reference: a motion has some kilobytes.
+        let orphaned = current.as_ref().is_some_and(|current| {
             let under_way =
                 authority.motion != 0 && (authority.motion, authority.epoch) == (current.number, current.epoch);
             under_way && message.is_none_or(|message| message.motion != current.number || message.beat < current.beat)
@@ -40,11 +41,11 @@ impl CurrentMotion {
             let message = message?;
             // A restarted planner counts beats and motions from the beginning.
             let (beat, number, epoch) = (message.beat, message.motion, message.epoch);
-            if current.is_none_or(|is| (is.beat, is.number, is.epoch) != (beat, number, epoch)) {
+            if current.as_ref().is_none_or(|is| (is.beat, is.number, is.epoch) != (beat, number, epoch)) {
                 *current = Some(Self { beat, number, epoch, motion: motion_of(message) });
             }
         }
-        current.and_then(|current| current.motion)
+        current.as_ref()?.motion()
     }
 
     /// Returns the motion, if it was valid.
