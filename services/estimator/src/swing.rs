@@ -6,7 +6,7 @@
 //! from the measured x(t) and starts at rest. It knows the swing that motions of the robot excite; wind and hands
 //! excite more.
 
-use cable_robot::modes::Modes;
+use cable_robot::modes::{Axes, Modes};
 use cable_robot::{Matrix3, Robot, Vector3};
 
 /// Damping relative to critical. Ropes of polyethylene and the air damp by one to three percent: the lower one states
@@ -49,6 +49,8 @@ impl Swing {
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct SwingObserver {
     last: Option<State>,
+    /// Axes of the stiffness of the last cycle.
+    axes: Axes,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -65,13 +67,13 @@ struct State {
 impl SwingObserver {
     /// Starts at rest with the next cycle.
     pub(crate) fn forget(&mut self) {
-        self.last = None;
+        *self = Self::default();
     }
 
     /// Integrates to this cycle, and returns the swing; none for rigid cables and where the cables do not hold the node
     /// in every direction.
     pub(crate) fn step(&mut self, robot: &Robot, rest: &Rest) -> Swing {
-        let modes = rest.stiffness_n_m.and_then(|stiffness| Modes::with_stiffness(robot, &stiffness));
+        let modes = rest.stiffness_n_m.and_then(|stiffness| Modes::near(robot, &stiffness, &mut self.axes));
         let Some(modes) = modes else {
             self.forget();
             return Swing::NONE;

@@ -34,6 +34,16 @@ impl Mode {
     }
 }
 
+/// Axes of a stiffness, from which those of a similar one are found: those of space by default.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Axes([Vector3<f64>; 3]);
+
+impl Default for Axes {
+    fn default() -> Self {
+        Self([Vector3::x(), Vector3::y(), Vector3::z()])
+    }
+}
+
 /// Modes at a position, the slowest first; two for a planar robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Modes {
@@ -53,13 +63,14 @@ impl Modes {
     /// Computes the modes at a position, m, with these tensions, N. None for rigid cables, at a position without
     /// directions, and where the cables do not hold the node in every direction.
     pub fn at(robot: &Robot, position: &Vector3<f64>, tensions_n: &[f64]) -> Option<Self> {
-        Self::with_stiffness(robot, &stiffness_n_m(robot, position, tensions_n)?)
+        Self::near(robot, &stiffness_n_m(robot, position, tensions_n)?, &mut Axes::default())
     }
 
-    /// Computes the modes of a node on cables of this stiffness, N/m. None where the cables do not hold it in every
-    /// direction.
-    pub fn with_stiffness(robot: &Robot, stiffness_n_m: &Matrix3<f64>) -> Option<Self> {
-        let eigen = SymmetricEigen::of(&(stiffness_n_m / robot.node_mass_kg()))?;
+    /// Computes the modes of a node on cables of this stiffness, N/m, from the axes of a stiffness that differs little,
+    /// which takes less time, and stores the axes. None where the cables do not hold the node in every direction.
+    pub fn near(robot: &Robot, stiffness_n_m: &Matrix3<f64>, axes: &mut Axes) -> Option<Self> {
+        let eigen = SymmetricEigen::near(&(stiffness_n_m / robot.node_mass_kg()), &axes.0)?;
+        axes.0 = eigen.vectors;
         let mut modes =
             [0, 1, 2].map(|i| Mode { direction: eigen.vectors[i], angular_rad_s: eigen.values[i].max(0.0).sqrt() });
         if robot.is_planar() {
