@@ -10,7 +10,7 @@ use rustix::io::Errno;
 use rustix::time::Timespec;
 
 use crate::clock::{SECOND_NS, now_ns};
-use crate::{Bus, BusError};
+use crate::{Bus, BusError, CHANNELS_EVENT};
 
 /// Largest number of channels plus descriptors of one waiter.
 const LIMIT: usize = 32;
@@ -18,8 +18,10 @@ const LIMIT: usize = 32;
 /// Waits for any of several channels and descriptors.
 #[derive(Debug)]
 pub struct Waiter {
-    listeners: ArrayVec<(String, Listener<ipc::Service>), LIMIT>,
+    /// `None`: there was no place for a listener of new channels.
+    listeners: ArrayVec<(String, Option<Listener<ipc::Service>>), LIMIT>,
     descriptors: ArrayVec<OwnedFd, LIMIT>,
+    deaf: Option<BusError>,
 }
 
 /// Result of a wait. Nothing is set if the deadline was reached or a signal arrived.
@@ -50,13 +52,13 @@ impl Wake {
 }
 
 impl Bus {
-    /// Creates a waiter for these channels or for [`crate::CHANNELS_EVENT`]. A wake-up means that at least one sample
+    /// Creates a waiter for these channels or for [`CHANNELS_EVENT`]. A wake-up means that at least one sample
     /// was published since the last one, so receive from the subscribers until they are empty.
     ///
     /// # Errors
     /// [`BusError::TooManyToWaitFor`] above 32 channels, and those of opening a channel.
     pub fn waiter(&self, channels: &[&str]) -> Result<Waiter, BusError> {
-        let mut waiter = Waiter { listeners: ArrayVec::new(), descriptors: ArrayVec::new() };
+        let mut waiter = Waiter { listeners: ArrayVec::new(), descriptors: ArrayVec::new(), deaf: None };
         for channel in channels {
             waiter.add(self, channel)?;
         }
@@ -65,14 +67,29 @@ impl Bus {
 }
 
 impl Waiter {
-    /// Adds a channel; returns its index for [`Wake::channel`].
+    /// Adds a channel; returns its index for [`Wake::channel`]. If [`CHANNELS_EVENT`] has no free place, the waiter does
+    /// without it ([`Waiter::deaf`]): who looks for channels also looks without it, once a second.
     ///
     /// # Errors
     /// As [`Bus::waiter`].
     pub fn add(&mut self, bus: &Bus, channel: &str) -> Result<usize, BusError> {
         self.room()?;
-        self.listeners.push((channel.to_owned(), bus.listener(channel)?));
+        let listener = match bus.listener(channel) {
+            Ok(listener) => Some(listener),
+            Err(full @ BusError::Full { .. }) if channel == CHANNELS_EVENT => {
+                self.deaf = Some(full);
+                None
+            }
+            Err(error) => return Err(error),
+        };
+        self.listeners.push((channel.to_owned(), listener));
         Ok(self.listeners.len() - 1)
+    }
+
+    /// Returns why new channels do not end a wait, if so: the robot has as many processes as it has places for.
+    #[must_use]
+    pub fn deaf(&self) -> Option<&BusError> {
+        self.deaf.as_ref()
     }
 
     /// Adds a descriptor, e.g. of a serial port or a signal's pipe; returns its index for [`Wake::descriptor`]. The
@@ -109,11 +126,14 @@ impl Waiter {
         let mut wake = Wake::default();
         {
             let mut entries: ArrayVec<PollFd<'_>, LIMIT> = ArrayVec::new();
-            for (_, listener) in &self.listeners {
-                entries.push(PollFd::from_borrowed_fd(descriptor_of(listener), PollFlags::IN));
-            }
-            for descriptor in &self.descriptors {
-                entries.push(PollFd::from_borrowed_fd(descriptor.as_fd(), PollFlags::IN));
+            let mut places: ArrayVec<usize, LIMIT> = ArrayVec::new();
+            let listeners = self.listeners.iter().map(|(_, listener)| listener.as_ref().map(descriptor_of));
+            let descriptors = self.descriptors.iter().map(|descriptor| Some(descriptor.as_fd()));
+            for (place, descriptor) in listeners.chain(descriptors).enumerate() {
+                if let Some(descriptor) = descriptor {
+                    entries.push(PollFd::from_borrowed_fd(descriptor, PollFlags::IN));
+                    places.push(place);
+                }
             }
             match poll(&mut entries, timeout.as_ref()) {
                 Ok(0) | Err(Errno::INTR) => return Ok(wake),
@@ -123,7 +143,7 @@ impl Waiter {
                     return Err(BusError::Failed { channel, what: "be waited for", why: error.to_string() });
                 }
             }
-            for (place, entry) in entries.iter().enumerate() {
+            for (place, entry) in places.into_iter().zip(&entries) {
                 if !entry.revents().is_empty() {
                     match place.checked_sub(self.listeners.len()) {
                         None => wake.channels |= 1 << place,
@@ -133,7 +153,9 @@ impl Waiter {
             }
         }
         for (place, (channel, listener)) in self.listeners.iter().enumerate() {
-            if wake.channel(place) {
+            if let Some(listener) = listener
+                && wake.channel(place)
+            {
                 listener.try_wait(|_| {}).map_err(|error| BusError::failed(channel, "be waited for", &error))?;
             }
         }

@@ -1,7 +1,8 @@
 //! The number of processes of a robot, as its owner sets it, and the memory of their places.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use bus::{Bus, BusError, CHANNELS_EVENT, Domain, Participant, PlaceKind, Publisher, TestDomain, places_bytes};
+use bus::clock::{SECOND_NS, now_ns};
+use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain, Participant, PlaceKind, Publisher, TestDomain, places_bytes};
 use messages::ros::{MarkerArray, Payload};
 use messages::{Heartbeat, MotorAuthority, MotorInput, PROCESSES, Reading};
 
@@ -73,6 +74,34 @@ fn a_robot_has_as_many_places_as_its_owner_states() {
         assert!(join(&domain, "next").0.unannounced().is_none());
     }
     assert_eq!(Domain::for_test().processes(), PROCESSES);
+}
+
+/// The recorder of a full robot, started again, finds channels by looking for them.
+#[test]
+fn a_process_in_excess_waits_without_the_event_of_new_channels() {
+    let domain = domain_with(3);
+    let all = join_all(&domain, 3);
+    let (excess, _heartbeat) = join(&domain, "excess");
+    let mut waiter = excess.waiter(&[CHANNELS_EVENT, "sensor/soil"]).unwrap();
+    let full = waiter.deaf().expect("the robot is full");
+    assert!(matches!(full, BusError::Full { limit: 3, what: PlaceKind::RobotProcesses, .. }), "{full}");
+    let (reader, writer) = rustix::pipe::pipe().unwrap();
+    assert_eq!(waiter.attach(reader).unwrap(), 0);
+
+    let mut soil = all[0].0.publisher::<Reading>("sensor/soil").unwrap();
+    let wake = waiter.wait_until(Some(now_ns() + SECOND_NS / 20)).unwrap();
+    assert!(!wake.woken(), "a new channel does not wake it");
+    let new = ChannelWatch::new().new_channels(&excess).unwrap();
+    assert!(new.iter().any(|channel| channel.name == "sensor/soil"), "{new:?}");
+    // The other channels and descriptors keep their numbers.
+    soil.send(&mut Reading::default()).unwrap();
+    let wake = waiter.wait_until(Some(now_ns() + 5 * SECOND_NS)).unwrap();
+    assert!(!wake.channel(0) && wake.channel(1) && !wake.descriptor(0), "{wake:?}");
+    rustix::io::write(&writer, b"x").unwrap();
+    let wake = waiter.wait_until(Some(now_ns() + 5 * SECOND_NS)).unwrap();
+    assert!(!wake.channel(0) && !wake.channel(1) && wake.descriptor(0), "{wake:?}");
+    // One that has a place hears of them.
+    assert!(all[0].0.waiter(&[CHANNELS_EVENT]).unwrap().deaf().is_none());
 }
 
 /// A long definition has a place for each process too. Without one its channel is refused at once, also for observers.

@@ -127,7 +127,7 @@ impl Chassis {
         let declared = DeclaredConfig::new(port, &name, beat.incarnation, role, file);
         let log = logging::start(&bus, args.verbose)?;
         if let Some(full) = bus.unannounced() {
-            warn!("{full}; until then the channels of this process are found up to a second later");
+            warn!("{full}; until then this process finds new channels, and its own are found, up to a second later");
         }
         let nothing = RealtimeSection::default();
         let (reached, warning) = realtime::apply(system_file.as_ref().map_or(&nothing, |file| &file.realtime), role);
@@ -268,6 +268,10 @@ impl Chassis {
     /// Those of [`Bus::waiter`].
     pub fn waiter(&self, channels: &[&str]) -> Result<Waiter, BusError> {
         let mut waiter = self.bus.waiter(channels)?;
+        // Who could not announce its channels has said so.
+        if let Some(full) = waiter.deaf().filter(|_| self.bus.unannounced().is_none()) {
+            warn!("{full}; until then this process finds new channels up to a second later");
+        }
         let copy = self.stop_pipe.try_clone().map_err(|error| BusError::Failed {
             channel: "signals".to_owned(),
             what: "be waited for",
