@@ -283,7 +283,7 @@ fn holders_clause(holders: &str) -> String {
 fn full_cure(what: PlaceKind) -> &'static str {
     match what {
         PlaceKind::RobotProcesses => {
-            "stop one of them first, or raise `processes` of [bus] in the system file and start the robot again"
+            "end one of them and start this one again, or raise `processes` of [bus] in the system file and start the robot again"
         }
         _ => "stop one of them first",
     }
