@@ -130,7 +130,7 @@ fn continuation(
             Err(error) => Some(format!("{error:?}")),
         };
         if now_ns() > give_up {
-            return Err(BusError::failed(name, "be created", &error));
+            return Err(BusError::unfinished(name, "be created", error));
         }
         domain.remove_half_made();
         sleep_until(now_ns() + 2_000_000);

@@ -360,10 +360,10 @@ impl Bus {
                     let what = of_robot(channel, PlaceKind::Processes);
                     return Err(self.full(channel, MessagingPattern::Event, limit, what));
                 }
-                Err(error) => Some(error),
+                Err(error) => Some(format!("{error:?}")),
             };
             if now_ns() > give_up {
-                return Err(BusError::failed(channel, "open its event", &error));
+                return Err(BusError::unfinished(channel, "open its event", error));
             }
             self.domain.remove_half_made();
             sleep_until(now_ns() + 2_000_000);
