@@ -20,7 +20,7 @@ use super::stale_processes::{self, ProcessIdentity};
 use super::unfinished_runs::UnfinishedRuns;
 use super::{StartOptions, Supervisor};
 use bus::clock::{self, WallClock};
-use bus::{Bus, Claim, Domain};
+use bus::{Bus, Claim, Domain, FormerPlaces};
 use client::{RUNNING_FILE, Running, SUPERVISOR};
 use command::{Answer, Failure, StopFlag};
 use config::{Role, SystemFile};
@@ -99,11 +99,11 @@ impl Supervisor {
         wait_for_ports(&file, &mut manager, &stop)?;
         let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
         let claim = domain.claim()?;
+        // Every process reads it when it joins: first, because an observer may join at any time.
+        domain.set_processes(file.bus.processes)?;
         let earlier = Running::read(&domain);
         let orphans = stale_processes::end(&domain)?;
         domain.sweep()?;
-        // Every process reads it when it joins.
-        domain.set_processes(file.bus.processes)?;
         let folder = RunFolder::create(&file, &system_path, wanted.run, wanted.mission)?;
         // Recorder, visualization and viewer convert stamps to calendar time with this pair.
         let clock = runlog::RunClock::now();
@@ -125,6 +125,7 @@ impl Supervisor {
         if let Some(warning) = busy.warning() {
             supervisor.announcer.warn(&warning);
         }
+        supervisor.report_former_places();
         if !orphans.is_empty() {
             supervisor.announcer.warn(&format!("ended processes of an earlier supervisor: {}", orphans.join(", ")));
         }
@@ -201,6 +202,15 @@ impl Supervisor {
             domain,
             claim,
         })
+    }
+
+    /// Reports places that were reserved before this start, for another number of processes.
+    fn report_former_places(&mut self) {
+        let Some(FormerPlaces { processes, stated, holders }) = self.bus.former_places() else { return };
+        let holders = if holders.is_empty() { "one that has ended".to_owned() } else { holders.join(", ") };
+        self.announcer.warn(&format!(
+            "the robot has places for {processes} processes, not for the {stated} of `processes` of [bus], because of programs from before its start: {holders}; end them and start the robot again"
+        ));
     }
 
     /// Starts to close the run files that earlier runs left open. `earlier` is only a hint: a power cut erases it.

@@ -423,6 +423,11 @@ impl Domain {
     /// Removes all objects of this domain, except the claim of its owner and files of other programs. Only for a domain
     /// without running processes.
     pub(crate) fn wipe(&self) -> usize {
+        self.wipe_except(&[])
+    }
+
+    /// As [`Domain::wipe`], except the own files of these names.
+    pub(crate) fn wipe_except(&self, kept: &[&str]) -> usize {
         let mut removed = 0;
         for entry in fs::read_dir(&self.root).into_iter().flatten().flatten() {
             let (path, name, kind) = (entry.path(), entry.file_name(), entry.file_type());
@@ -434,7 +439,7 @@ impl Domain {
                 fs::read_link(&path).is_ok_and(|to| to.starts_with(PSEUDO_TERMINALS)) && fs::remove_file(&path).is_ok()
             } else {
                 let own = name.starts_with(&self.prefix)
-                    || OWN_FILES.contains(&name.as_ref())
+                    || OWN_FILES.contains(&name.as_ref()) && !kept.contains(&name.as_ref())
                     || kind.is_file() && name.ends_with(PORT_CLOCKS);
                 own && fs::remove_file(&path).is_ok()
             };

@@ -22,7 +22,7 @@ use messages::{Quality, quality_for};
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
 use crate::definition::{self, SchemaContinuation};
-use crate::domain::info_of;
+use crate::domain::{NodeInfo, info_of};
 use crate::error::{PlaceKind, THIS_PROCESS};
 use crate::limits::raise_descriptor_limit;
 use crate::places::{Participant, Refused, collect_listed};
@@ -82,7 +82,7 @@ pub struct Bus {
     pub(crate) party: Participant,
     pub(crate) port_name: PortName,
     /// Processes for which this one reserves places in what it creates.
-    processes: usize,
+    pub(crate) processes: usize,
     /// Time to wait while another process creates a channel, ns.
     patience_ns: Cell<u64>,
     /// Announces new channels; the error if all places are taken, which stays so.
@@ -293,7 +293,7 @@ impl Bus {
         }
     }
 
-    fn details(&self, channel: &str, pattern: MessagingPattern) -> Option<ServiceDetails<ipc::Service>> {
+    pub(crate) fn details(&self, channel: &str, pattern: MessagingPattern) -> Option<ServiceDetails<ipc::Service>> {
         let name = ServiceName::new(channel).ok()?;
         ipc::Service::details(&name, self.domain.config(), pattern).ok().flatten()
     }
@@ -310,17 +310,7 @@ impl Bus {
     fn holders_of(&self, channel: &str, pattern: MessagingPattern) -> String {
         let details = self.details(channel, pattern);
         let Some(dynamic) = details.and_then(|details| details.dynamic_details) else { return String::new() };
-        let mut holders: Vec<String> = Vec::new();
-        for node in &dynamic.nodes {
-            if let NodeState::Alive(node) = node {
-                let info = info_of(node);
-                holders.push(if info.pid == std::process::id() {
-                    THIS_PROCESS.to_owned()
-                } else {
-                    format!("{} (process {})", info.name, info.pid)
-                });
-            }
-        }
+        let mut holders = names_of(&dynamic.nodes);
         holders.dedup();
         if holders.is_empty() { "a process that has died".to_owned() } else { holders.join(", ") }
     }
@@ -461,6 +451,14 @@ impl Bus {
         self.domain.before_cleaning();
         self.node.try_cleanup_dead_nodes();
     }
+}
+
+/// The living ones of these processes, in words.
+pub(crate) fn names_of(nodes: &[NodeState<ipc::Service>]) -> Vec<String> {
+    let living =
+        nodes.iter().filter_map(|node| if let NodeState::Alive(node) = node { Some(info_of(node)) } else { None });
+    let name = |info: NodeInfo| format!("{} (process {})", info.name, info.pid);
+    living.map(|info| if info.pid == std::process::id() { THIS_PROCESS.to_owned() } else { name(info) }).collect()
 }
 
 /// The settings with which every process opens a channel.

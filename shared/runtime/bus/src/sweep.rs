@@ -9,7 +9,7 @@ use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode, ipc};
 use rustix::process::geteuid;
 
 use crate::clock::{now_ns, sleep_until};
-use crate::domain::{CLAIM_FILE, SHARED_MEMORY};
+use crate::domain::{CLAIM_FILE, PROCESSES_FILE, SHARED_MEMORY};
 use crate::error::UnusableFolder;
 use crate::{BusError, Domain};
 
@@ -33,7 +33,7 @@ pub struct SweepReport {
 
 impl Domain {
     /// Cleans up after killed processes: wipes the domain if no process runs in it, otherwise removes the objects of
-    /// dead processes.
+    /// dead processes. What [`Domain::set_processes`] has stated remains, for a process that joins meanwhile.
     ///
     /// The owner of the domain ([`Domain::claim`]) calls it before it starts the first process, after one has died, and
     /// now and then, because processes that it has not started die too.
@@ -44,7 +44,8 @@ impl Domain {
     pub fn sweep(&self) -> Result<SweepReport, BusError> {
         let nodes = self.nodes();
         if !nodes.may_live() {
-            return Ok(SweepReport { files: self.wipe(), ..SweepReport::default() });
+            let files = self.wipe_except(&[PROCESSES_FILE]);
+            return Ok(SweepReport { files, ..SweepReport::default() });
         }
         let files = self.remove_half_made();
         let mut swept = SweepReport { alive: nodes.alive.len(), files, ..SweepReport::default() };

@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use bus::clock::{SECOND_NS, now_ns};
-use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain, Participant, PlaceKind, Publisher, TestDomain, places_bytes};
+use bus::{
+    Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain, Participant, PlaceKind, Publisher, TestDomain, places_bytes,
+};
 use messages::ros::{MarkerArray, Payload};
 use messages::{Heartbeat, MotorAuthority, MotorInput, PROCESSES, Reading};
 
@@ -104,6 +106,17 @@ fn a_process_in_excess_waits_without_the_event_of_new_channels() {
     assert!(all[0].0.waiter(&[CHANNELS_EVENT]).unwrap().deaf().is_none());
 }
 
+/// An observer may join while the owner starts: it reserves as many places as the owner has stated.
+#[test]
+fn the_stated_number_outlives_a_sweep() {
+    let domain = domain_with(3);
+    drop(join(&domain, "former"));
+    assert!(domain.sweep().unwrap().files > 0);
+    assert_eq!(domain.processes(), 3);
+    let (observer, _heartbeat) = join(&domain, "observer");
+    assert_eq!(observer.former_places(), None);
+}
+
 /// A long definition has a place for each process too. Without one its channel is refused at once, also for observers.
 #[test]
 fn a_definition_is_held_by_as_many_processes() {
@@ -134,6 +147,9 @@ fn processes_that_joined_with_other_numbers_meet() {
         let _authority = early.publisher::<MotorAuthority>("motor/authority").unwrap();
         domain.set_processes(second).unwrap();
         let (late, _late) = join(&domain, "late");
+        let former = late.former_places().expect("the places of the first one");
+        assert_eq!((former.processes, former.stated), (first.unwrap_or(PROCESSES), second));
+        assert_eq!(early.former_places(), None);
         let _waiter = late.waiter(&[CHANNELS_EVENT]).unwrap();
         let _authority = late.subscriber::<MotorAuthority>("motor/authority").unwrap();
         assert!(early.unannounced().is_none() && late.unannounced().is_none(), "{first:?} {second}");
