@@ -133,7 +133,7 @@ pub struct Supervisor {
     busy: busy::Watch,
     heartbeat: Publisher<Heartbeat>,
     table: Publisher<ProcessState>,
-    /// Last row of each process since all rows were published, by name.
+    /// Last published row of each process, by name.
     published_rows: HashMap<[u8; 32], ProcessState>,
     authority: Subscriber<MotorAuthority>,
     last_authority: Option<MotorAuthority>,
@@ -144,7 +144,8 @@ pub struct Supervisor {
     stopper: Option<Client>,
     beat: Heartbeat,
     last_beat_ns: u64,
-    last_table_ns: u64,
+    last_part_ns: u64,
+    next_part: usize,
     server: Option<Server>,
     waiter: Waiter,
     bus: Bus,

@@ -1,4 +1,5 @@
-//! The process table: one row per process on `system/process`, each published every second and on its change.
+//! The process table: one row per process on `system/process`, each published once a second, part by part, and on its
+//! change.
 
 use super::Supervisor;
 use super::cures::{LossState, cure};
@@ -11,40 +12,52 @@ use std::os::unix::process::ExitStatusExt;
 
 /// Period of the table, ns.
 const TABLE_NS: u64 = 1_000_000_000;
+/// Parts in which the table is published again within its period: a reader has room for 512 rows, so that one that looks
+/// ten times a second receives all rows of the largest robot.
+const PARTS: usize = 10;
 
 impl Supervisor {
-    /// Publishes every row if they are due.
+    /// Publishes the next part of the rows if it is due.
     pub(super) fn refresh_table(&mut self) -> Answer {
-        if clock::now_ns() < self.last_table_ns + TABLE_NS {
+        if clock::now_ns() < self.last_part_ns + TABLE_NS / PARTS as u64 {
             return Ok(());
         }
-        self.last_table_ns = clock::now_ns();
-        self.published_rows.clear();
-        self.publish_table()
+        self.last_part_ns = clock::now_ns();
+        for mut row in self.rows(self.next_part, PARTS) {
+            self.send_row(&mut row)?;
+        }
+        self.next_part = (self.next_part + 1) % PARTS;
+        Ok(())
     }
 
     /// Publishes the rows that have changed: of hundreds of processes that become ready one after another, all rows
     /// would overflow the buffers.
     pub(super) fn publish_table(&mut self) -> Answer {
-        let running =
-            self.process_set.iter().map(|child| row(child, self.process_set.standby_of(&child.member).is_some()));
-        let asleep = self.context.file.process.iter().filter(|section| {
-            !section.start && !self.process_set.iter().any(|child| child.member.has_name(&section.name))
-        });
-        let mut rows: Vec<ProcessState> = running.chain(asleep.map(not_started)).collect();
-        for row in &mut rows {
-            if self.published_rows.get(&row.name) != Some(row) {
-                self.send_row(row)?;
+        for mut row in self.rows(0, 1) {
+            if self.published_rows.get(&row.name) != Some(&row) {
+                self.send_row(&mut row)?;
             }
         }
         Ok(())
+    }
+
+    /// The rows of one of so many parts of the table.
+    fn rows(&self, part: usize, parts: usize) -> Vec<ProcessState> {
+        let running = self.process_set.iter().skip(part).step_by(parts);
+        let running = running.map(|child| row(child, self.process_set.standby_of(&child.member).is_some()));
+        let asleep = self.context.file.process.iter().skip(part).step_by(parts).filter(|section| {
+            !section.start && !self.process_set.iter().any(|child| child.member.has_name(&section.name))
+        });
+        running.chain(asleep.map(not_started)).collect()
     }
 
     /// The last row of a process that leaves the table.
     pub(super) fn publish_farewell(&mut self, name: &str) -> Answer {
         let mut row = ProcessState { state: ProcessState::STATE_GONE, ..ProcessState::default() };
         put_text(&mut row.name, name);
-        self.send_row(&mut row)
+        self.send_row(&mut row)?;
+        self.published_rows.remove(&row.name);
+        Ok(())
     }
 
     /// Publishes a row whose header is not filled yet.
