@@ -8,10 +8,11 @@
 use std::fs;
 
 use iceoryx2::prelude::MessagingPattern;
+use rustix::fs::statvfs;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::definition;
-use crate::domain::PROCESSES_FILE;
+use crate::domain::{PROCESSES_FILE, SHARED_MEMORY};
 use crate::error::THIS_PROCESS;
 use crate::node::names_of;
 use crate::{Bus, BusError, CHANNELS_EVENT, Domain};
@@ -21,7 +22,7 @@ use crate::{Bus, BusError, CHANNELS_EVENT, Domain};
 const ANNOUNCEMENTS_BYTES: [u64; 2] = [8519, 160];
 /// Size of a continuation of a schema text without its places, and of each place: a process, bytes.
 const TEXT_BYTES: [u64; 2] = [583, 32];
-/// Unit in which memory is allocated, bytes.
+/// Size of a page of memory if shared memory does not state it, bytes.
 const PAGE_BYTES: u64 = 4096;
 
 impl Domain {
@@ -84,6 +85,8 @@ pub(crate) fn raise_descriptor_limit(processes: usize) {
 /// with a long definition takes one continuation more.
 #[must_use]
 pub fn places_bytes(processes: usize) -> u64 {
-    let file = |[all, place]: [u64; 2]| (all + place * processes as u64).next_multiple_of(PAGE_BYTES);
+    // A tmpfs states the page size of the machine: 16 kB on some ARM boards.
+    let page = statvfs(SHARED_MEMORY).map_or(PAGE_BYTES, |found| found.f_frsize.max(1));
+    let file = |[all, place]: [u64; 2]| (all + place * processes as u64).next_multiple_of(page);
     file(ANNOUNCEMENTS_BYTES) + definition::own_continuations() as u64 * file(TEXT_BYTES)
 }
