@@ -62,7 +62,7 @@ pub use blob::BlobPublisher;
 pub use declared::DeclaredPublisher;
 pub use domain::{Claim, Domain, NodeInfo, TestDomain};
 pub use error::{BadName, BusError, PlaceKind, THIS_PROCESS, UnusableFolder};
-pub use limits::{FormerPlaces, places_bytes};
+pub use limits::{FormerPlaces, places_bytes, recorder_files};
 pub use memory::Memory;
 pub use node::{Bus, is_channel_name};
 pub use places::Participant;

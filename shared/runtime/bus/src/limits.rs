@@ -69,10 +69,17 @@ impl Bus {
     }
 }
 
-/// Raises the limit of open descriptors, as far as the system permits, to what the recorder of so many processes opens:
-/// 5 for each channel, and 3 channels for each process. The default limit of many systems is 1024.
+/// Returns the number of files that the recorder of so many processes opens at most: 5 for each channel, and 3 channels
+/// for each process, and those of a robot without them.
+#[must_use]
+pub const fn recorder_files(processes: usize) -> u64 {
+    5 * 3 * processes as u64 + 1024
+}
+
+/// Raises the limit of open descriptors, as far as the system permits, to what the recorder of so many processes opens.
+/// The default limit of many systems is 1024.
 pub(crate) fn raise_descriptor_limit(processes: usize) {
-    let wanted = 5 * 3 * processes as u64 + 1024;
+    let wanted = recorder_files(processes);
     let limit = getrlimit(Resource::Nofile);
     let wanted = limit.maximum.map_or(wanted, |most| most.min(wanted));
     if limit.current.is_some_and(|now| now < wanted) {

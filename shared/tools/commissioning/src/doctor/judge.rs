@@ -7,8 +7,8 @@ use std::path::PathBuf;
 /// Shared memory that a robot needs at most, bytes: the files of a robot with four cables and `nims top` add up to 63
 /// MB.
 const MEMORY_BYTES: u64 = 128_000_000;
-/// Minimum number of open files: each channel that a process uses takes about five descriptors, and the recorder uses
-/// all of them.
+/// Number of open files below which no robot runs: each channel that a process uses takes about five descriptors, and
+/// the recorder uses all of them.
 const OPEN_FILES: u64 = 1024;
 /// Minimum number of processes and threads: a system has a dozen processes with a few threads each.
 const PROCESSES: u64 = 100;
@@ -158,10 +158,14 @@ fn domain_finding(domain: &DomainFacts) -> Option<Finding> {
 
 fn limits(machine: &Machine, findings: &mut Vec<Finding>) {
     let limits = &machine.limits;
-    if let Some(files) = limits.open_files.filter(|files| *files < OPEN_FILES) {
-        findings.push(error(
-            format!("a process may open {files} files, but the recorder needs {OPEN_FILES}"),
-            "set `LimitNOFILE=4096` in the service unit, or `- nofile 4096` in /etc/security/limits.d",
+    let needed = bus::recorder_files(machine.places);
+    if let Some(files) = limits.open_files.filter(|files| *files < needed) {
+        let level = if files < OPEN_FILES { error } else { warning };
+        findings.push(level(
+            format!("a process may open {files} files, but the recorder of {} processes needs {needed}", machine.places),
+            &format!(
+                "set `LimitNOFILE={needed}` in the service unit, or `- nofile {needed}` in /etc/security/limits.d; or lower `processes` of [bus] in the system file"
+            ),
         ));
     }
     if let Some(processes) = limits.processes.filter(|processes| *processes < PROCESSES) {
@@ -288,6 +292,7 @@ mod tests {
             user: 1000,
             memory: Memory { is_tmpfs: true, is_writable: true, size_bytes: 1 << 30, free_bytes: 1 << 30 },
             limits: Limits { open_files: Some(4096), realtime_priority: Some(95), processes: None },
+            places: 200,
             ports: vec![PortFacts {
                 number: 1,
                 path: "/dev/ttyUSB0".to_owned(),
@@ -358,6 +363,8 @@ mod tests {
         }));
         given.push(found(Level::Warning, &["20 MB", "find /dev/shm"], |machine| machine.ownerless = (20_000_000, 3)));
         given.push(found(Level::Error, &["256", "LimitNOFILE"], |machine| machine.limits.open_files = Some(256)));
+        // 15 for each process, and 1024.
+        given.push(found(Level::Warning, &["4096", "300", "LimitNOFILE=5524"], |machine| machine.places = 300));
         given.push(found(Level::Error, &["50", "LimitNPROC"], |machine| machine.limits.processes = Some(50)));
         given.push(found(Level::Warning, &["80", "[realtime]"], |machine| {
             machine.realtime_refused = Some("SCHED_FIFO priority 80".to_owned());

@@ -16,6 +16,8 @@ pub struct Machine {
     pub ownerless: (u64, usize),
     /// Resource limits of a process.
     pub limits: Limits,
+    /// Processes for which the system has places (`[bus]`).
+    pub places: usize,
     /// Error of the operating system for a setting in `[realtime]` that it does not permit.
     pub realtime_refused: Option<String>,
     /// Serial devices of the system.

@@ -29,6 +29,7 @@ pub fn probe(file: Option<&SystemFile>, limits_of: Option<u32>) -> Machine {
         ownerless: ownerless(&domains, user),
         domains: domains.iter().map(domain_facts).collect(),
         limits,
+        places: file.map_or(messages::PROCESSES, |file| file.bus.processes),
         realtime_refused: file.and_then(|file| match limits_of {
             None => realtime_refused(file),
             Some(_) => realtime_not_permitted(file, &limits),
