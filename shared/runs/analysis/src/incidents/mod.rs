@@ -247,12 +247,7 @@ impl Incidents {
         if is_estop {
             faults.insert(0, "it was put into emergency stop".to_owned());
         }
-        // The answer is recorded shortly after its effect.
-        let after_s = if is_estop { TOGETHER_S } else { ANSWERED_S };
-        let recent = first.time_s - ASKED_BEFORE_S..=first.time_s + after_s;
-        let mut asked = self.requests.iter().rev().filter(|asked| asked.is_estop == is_estop);
-        let asked = asked.find(|asked| recent.contains(&asked.time_s) && self.may_cause(asked, group));
-        causes.extend(asked.map(|asked| asked.clause.clone()));
+        causes.extend(self.asked_for(group).map(|asked| asked.clause.clone()));
         causes.dedup();
         let rest_s = group.iter().rev().find_map(|fact| fact.rest_s).filter(|rest_s| *rest_s <= end_s);
         let released = self.released(group);
@@ -263,16 +258,34 @@ impl Incidents {
         Incident { time_s: from_s, cycle, faults, of, causes, did, sentence: String::new() }.said(before)
     }
 
-    /// Returns whether a request may be the cause of faults: that to end or suspend a process, only of what that
-    /// process does; one for a cable or a drive unit, not of faults of another. A suspended motor-io is late in
-    /// everything.
-    fn may_cause(&self, asked: &RequestFact, group: &[&FaultFact]) -> bool {
+    /// Returns the request that is the cause of faults as far as the run shows it: the last one of a cable, a drive
+    /// unit or a process that they name, or else the last one. Cables pull on each other: where one breaks or is
+    /// measured wrongly, another may be the first that is slack or pulls too hard.
+    fn asked_for(&self, group: &[&FaultFact]) -> Option<&RequestFact> {
+        let (first_s, is_estop) = (group[0].time_s, group[0].authority.faults == 0);
+        // The answer is recorded shortly after its effect.
+        let after_s = if is_estop { TOGETHER_S } else { ANSWERED_S };
+        let recent = first_s - ASKED_BEFORE_S..=first_s + after_s;
+        let mut asked: Vec<&RequestFact> = self.requests.iter().rev().filter(|it| it.is_estop == is_estop).collect();
+        asked.retain(|asked| recent.contains(&asked.time_s) && self.may_cause(asked, group));
         let authorities: Vec<&MotorAuthority> = group.iter().map(|fact| &fact.authority).collect();
-        if asked.of_part.is_some_and(|part| part.is_another(&authorities, &self.units)) {
-            return false;
-        }
+        let named = asked.iter().find(|asked| {
+            let of_process = asked.of_process.as_ref().is_some_and(|name| self.is_process_of(name, group));
+            of_process || asked.of_part.is_some_and(|part| part.is_in(&authorities, &self.units))
+        });
+        named.or(asked.first()).copied()
+    }
+
+    /// Returns whether a request may be the cause of faults: that to end or suspend a process, only of what that
+    /// process does. A suspended motor-io is late in everything.
+    fn may_cause(&self, asked: &RequestFact, group: &[&FaultFact]) -> bool {
         let Some(name) = &asked.of_process else { return true };
-        let role = self.roles.get(name).map_or(name.as_str(), String::as_str);
+        self.role_of(name) == "motor-io" || self.is_process_of(name, group)
+    }
+
+    /// Returns whether faults name a process, or follow where one of its role fails.
+    fn is_process_of(&self, name: &str, group: &[&FaultFact]) -> bool {
+        let role = self.role_of(name);
         let bits = group.iter().fold(0, |bits, fact| bits | fact.authority.faults);
         let of_role = FAULTS.iter().any(|fault| bits & fault.bit != 0 && roles_of(fault.bit).contains(&role));
         let of_box = role == "motor-box" && bits & OF_UNITS != 0;
@@ -282,7 +295,12 @@ impl Incidents {
             subject.strip_prefix(&process).is_some_and(|rest| rest.is_empty() || rest.starts_with(" in slot"))
         };
         let named = group.iter().flat_map(|fact| &fact.subjects).any(|(_, subject)| names(subject));
-        role == "motor-io" || of_role || of_box || of_supervisor || named
+        of_role || of_box || of_supervisor || named
+    }
+
+    /// Returns the role of a process; its name if it has no row in the process table.
+    fn role_of<'a>(&'a self, name: &'a str) -> &'a str {
+        self.roles.get(name).map_or(name, String::as_str)
     }
 
     /// Describes a process that failed without a fault of motor-io.

@@ -1,11 +1,11 @@
-//! Which cables and drive units a fault of the virtual motor box names, and whether faults name others.
+//! Which cable or drive unit a fault of the virtual motor box names, and whether faults of the robot name them.
 
 use messages::MotorAuthority;
 use messages::faults::{Faults, OF_CABLES, OF_UNITS};
 use runlog::{Attachment, system_file_text};
 use std::path::Path;
 
-/// Kinds of faults with a cable as their first argument. Of the others, the supply is that of all units.
+/// Kinds of faults with a cable as their first argument.
 const OF_ONE_CABLE: [&str; 5] = ["stall", "slip", "dead", "jump", "break"];
 /// Those with a port.
 const OF_ONE_PORT: [&str; 4] = ["noise", "silence", "late", "unplug"];
@@ -43,10 +43,9 @@ impl Part {
         Some(Self::Unit { port: number?, address })
     }
 
-    /// Returns whether faults name only others of its kind. A cable may fail because a unit does, and a unit because of
-    /// a cable, so faults of both kinds may have either cause. Without `units`, those of the system file in its order,
-    /// it is unknown which unit a fault names.
-    pub(super) fn is_another(self, group: &[&MotorAuthority], units: &[UnitPlace]) -> bool {
+    /// Returns whether faults name it. Without `units`, those of the system file in its order, it is unknown which unit
+    /// a fault names, so it may be any.
+    pub(super) fn is_in(self, group: &[&MotorAuthority], units: &[UnitPlace]) -> bool {
         let (mut cables, mut failed_units) = (Vec::new(), Vec::new());
         for authority in group {
             let faults = Faults::from_authority(authority);
@@ -58,12 +57,9 @@ impl Part {
             failed_units.extend(marked(OF_UNITS, &faults.units));
         }
         match self {
-            Self::Cable(number) => {
-                failed_units.is_empty() && !cables.is_empty() && !cables.contains(&number.wrapping_sub(1))
-            }
+            Self::Cable(number) => cables.contains(&number.wrapping_sub(1)),
             Self::Port(_) | Self::Unit { .. } => {
-                let is_it = |unit: &usize| units.get(*unit).is_none_or(|place| self.has(*place));
-                cables.is_empty() && !failed_units.is_empty() && !failed_units.iter().any(is_it)
+                failed_units.iter().any(|unit| units.get(*unit).is_none_or(|place| self.has(*place)))
             }
         }
     }
@@ -118,7 +114,7 @@ mod tests {
         let mut authority = MotorAuthority { faults: MotorAuthority::FAULT_LOST_UNIT, ..Default::default() };
         authority.fault_unit[2] = 1;
         let parts = ["mute 1 128", "mute 2 128", "silence 1", "silence 2"].map(|text| Part::of_request(text).unwrap());
-        assert_eq!(parts.map(|part| part.is_another(&[&authority], &units)), [true, false, true, false]);
-        assert_eq!(parts.map(|part| part.is_another(&[&authority], &[])), [false; 4], "which unit it is, is unknown");
+        assert_eq!(parts.map(|part| part.is_in(&[&authority], &units)), [false, true, false, true]);
+        assert_eq!(parts.map(|part| part.is_in(&[&authority], &[])), [true; 4], "which unit it is, is unknown");
     }
 }

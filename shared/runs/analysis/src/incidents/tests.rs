@@ -208,25 +208,53 @@ fn a_request_for_another_process_is_no_cause_and_an_emergency_stop_is_said_with_
     assert_eq!((found.faults.len(), found.faults[0].as_str()), (2, "it was put into emergency stop"));
 }
 
+/// The causes of faults at 1 s, after requests at 0.5 and 0.9 s.
+fn causes(requests: &[&str], change: fn(&mut MotorAuthority)) -> Vec<String> {
+    let mut incidents = Incidents { units: vec![(1, 128), (1, 129), (2, 128)], ..Incidents::default() };
+    fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);
+    for (text, time_s) in requests.iter().zip([0.5, 0.9]) {
+        asks(&mut incidents, time_s, RequestBody::VERB_FAULT, text);
+    }
+    let mut authority = MotorAuthority { mode: FAULTED, ..MotorAuthority::default() };
+    change(&mut authority);
+    fly_as(&mut incidents, [1.0, 2.0], 0.0, authority);
+    one(&incidents).causes
+}
+
+fn clause(text: &str) -> [String; 1] {
+    [format!("ada asked for the fault \"{text}\"")]
+}
+
+/// Cable 2 is slack.
+fn slack(authority: &mut MotorAuthority) {
+    (authority.faults, authority.fault_cable[1]) = (MotorAuthority::FAULT_SLACK, 1);
+}
+
 #[test]
-fn a_fault_of_another_cable_is_no_cause_and_the_earlier_one_of_this_cable_is() {
-    let causes = |requests: &[&str], change: fn(&mut MotorAuthority)| {
-        let mut incidents = Incidents::default();
-        fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);
-        for (text, time_s) in requests.iter().zip([0.5, 0.9]) {
-            asks(&mut incidents, time_s, RequestBody::VERB_FAULT, text);
-        }
-        let mut authority = MotorAuthority { mode: FAULTED, ..MotorAuthority::default() };
-        change(&mut authority);
-        fly_as(&mut incidents, [1.0, 2.0], 0.0, authority);
-        one(&incidents).causes
-    };
-    let slack: fn(&mut MotorAuthority) = |authority| {
-        (authority.faults, authority.fault_cable[1]) = (MotorAuthority::FAULT_SLACK, 1);
-    };
-    assert_eq!(causes(&["break 3"], slack), [""; 0]);
-    let clause = |text: &str| [format!("ada asked for the fault \"{text}\"")];
+fn the_request_for_the_cable_or_unit_that_failed_comes_before_a_later_one() {
     assert_eq!(causes(&["break 2", "stall 3"], slack), clause("break 2"));
+    // One of the faults names no cable.
+    let diverging = |authority: &mut MotorAuthority| {
+        slack(authority);
+        authority.faults |= MotorAuthority::FAULT_DIVERGING;
+    };
+    assert_eq!(causes(&["break 2", "stall 3"], diverging), clause("break 2"));
+    // The third unit is the first one of the second port.
+    let lost = |authority: &mut MotorAuthority| {
+        (authority.faults, authority.fault_unit[2]) = (MotorAuthority::FAULT_LOST_UNIT, 1);
+    };
+    for text in ["mute 2 0x80", "silence 2"] {
+        assert_eq!(causes(&[text, "mute 1 128"], lost), clause(text));
+    }
+    let lost: fn(&mut MotorAuthority) = |authority| authority.faults = MotorAuthority::FAULT_COMMAND_LOST;
+    assert_eq!(causes(&["kill controller", "break 3"], lost), clause("kill controller"));
+}
+
+#[test]
+fn without_a_request_for_what_failed_the_last_one_is_the_cause() {
+    // The load of a broken cable goes to the others, one of which fails first.
+    assert_eq!(causes(&["break 3"], slack), clause("break 3"));
+    assert_eq!(causes(&["stall 1", "break 3"], slack), clause("break 3"));
     // The supply is that of all units, and a cable may be slack because its unit fails.
     assert_eq!(causes(&["break 3", "supply 9"], slack), clause("supply 9"));
     assert_eq!(causes(&["mute 1 128"], slack), clause("mute 1 128"));
@@ -236,13 +264,21 @@ fn a_fault_of_another_cable_is_no_cause_and_the_earlier_one_of_this_cable_is() {
         }),
         clause("stall 3")
     );
-    // No process dies of a cable but motor-io.
-    for (role, found) in [("sensor", 0), ("motor-io", 1)] {
-        let mut incidents = Incidents::default();
-        fly(&mut incidents, [0.0, 5.0], FOLLOWING, 0, 99.0);
-        asks(&mut incidents, 1.5, RequestBody::VERB_FAULT, "stall 3");
-        row(&mut incidents, 2.0, "it", role, ProcessState::STATE_DIED, "was ended by signal 9");
-        assert_eq!(one(&incidents).causes.len(), found, "{role}");
+    // These name neither a cable nor a unit.
+    let diverging: fn(&mut MotorAuthority) = |authority| authority.faults = MotorAuthority::FAULT_DIVERGING;
+    assert_eq!(causes(&["dead 3"], diverging), clause("dead 3"));
+}
+
+#[test]
+fn no_process_but_motor_io_dies_of_a_fault_of_a_cable_or_a_unit() {
+    for text in ["stall 3", "unplug 1", "mute 1 128"] {
+        for (role, found) in [("sensor", 0), ("motor-io", 1)] {
+            let mut incidents = Incidents::default();
+            fly(&mut incidents, [0.0, 5.0], FOLLOWING, 0, 99.0);
+            asks(&mut incidents, 1.5, RequestBody::VERB_FAULT, text);
+            row(&mut incidents, 2.0, "it", role, ProcessState::STATE_DIED, "was ended by signal 9");
+            assert_eq!(one(&incidents).causes.len(), found, "{text} {role}");
+        }
     }
 }
 
