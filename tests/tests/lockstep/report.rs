@@ -1,8 +1,11 @@
 //! `nims report` of runs that are generated here, so that the correct content is known.
 
 use analysis::accuracy::analyse;
+use analysis::incidents::Incidents;
 use analysis::report::report;
 use command::Failure;
+use messages::{MotorAuthority, OperatorRequest, ProcessState, RequestBody, put_text};
+use motor_box::{FaultRequest, KINDS, Kind};
 use nims_sim::Tape;
 use nims_tests::lockstep::Lockstep;
 use nims_tests::recorded::record;
@@ -184,4 +187,58 @@ fn a_fault_is_told_in_one_sentence_by_the_report_and_at_its_instant() {
     let after = at(time_s + 0.5);
     assert_eq!(after.happened.as_ref().map(|incident| incident.sentence.as_str()), Some(sentence));
     assert!(after.words().contains(&format!("\nfault: {sentence}\n")), "{}", after.words());
+}
+
+/// A request of this kind for cable 2, for port 2 or for unit 128 on it.
+fn asked(kind: &Kind) -> String {
+    let values = [("CABLE", "2"), ("PORT", "2"), ("ADDRESS", "128"), ("SHARE", "0.5"), ("PROBABILITY", "0.5")];
+    let values = [&values[..], &[("SECONDS", "0.1"), ("COUNTS", "50"), ("VOLTS", "9")]].concat();
+    let word = |word: &str| values.iter().find(|(name, _)| *name == word).unwrap().1;
+    let text = [kind.name].into_iter().chain(kind.arguments.split(' ').map(word)).collect::<Vec<_>>().join(" ");
+    assert!(text.parse::<FaultRequest>().is_ok(), "{text}");
+    text
+}
+
+fn ask(incidents: &mut Incidents, time_s: f64, text: &str) {
+    let mut request = OperatorRequest { answered: 1, accepted: OperatorRequest::ACCEPTED, ..Default::default() };
+    request.body.verb = RequestBody::VERB_FAULT;
+    put_text(&mut request.text, text);
+    incidents.request(time_s, &request);
+}
+
+/// The report reads the requests for faults of the virtual motor box, whose kinds it cannot take from there.
+#[test]
+fn the_report_reads_what_each_fault_of_the_motor_box_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let system = "[[motor_io.ports]]\nunits = [{ address = 128 }]\n[[motor_io.ports]]\nunits = [{ address = 128 }]\n";
+    std::fs::write(folder.path().join(runlog::SYSTEM_FILE), system).unwrap();
+    let mut authority = MotorAuthority::default();
+    (authority.fault_cable[1], authority.fault_unit[1]) = (1, 1);
+    // A repair is no cause.
+    for kind in KINDS.iter().filter(|kind| kind.name != "plug") {
+        let text = asked(kind);
+        let faults = if kind.arguments.starts_with("CABLE") {
+            MotorAuthority::FAULT_SLACK
+        } else {
+            MotorAuthority::FAULT_LOST_UNIT
+        };
+        let mut incidents = Incidents::default();
+        incidents.name_units(folder.path(), &[]);
+        incidents.cycle(0.0, &MotorAuthority::default(), None);
+        ask(&mut incidents, 0.5, &text);
+        ask(&mut incidents, 0.6, if faults == MotorAuthority::FAULT_SLACK { "break 1" } else { "mute 1 128" });
+        incidents.cycle(1.0, &MotorAuthority { faults, ..authority }, None);
+        let causes = incidents.all().0.remove(0).causes;
+        assert!(causes.len() == 1 && causes[0].contains(&text), "{text}: {causes:?}");
+
+        for (role, count) in [("sensor", 0), ("motor-io", 1)] {
+            let mut incidents = Incidents::default();
+            ask(&mut incidents, 0.5, &text);
+            let mut row = ProcessState { state: ProcessState::STATE_DIED, ..Default::default() };
+            put_text(&mut row.name, "it");
+            put_text(&mut row.role, role);
+            incidents.process(1.0, &row);
+            assert_eq!(incidents.all().0[0].causes.len(), count, "{text}, {role}");
+        }
+    }
 }

@@ -88,7 +88,7 @@ struct RequestFact {
     is_estop: bool,
     /// The process that was ended or suspended.
     of_process: Option<String>,
-    /// The cable, port or drive unit of the virtual motor box that was to fail.
+    /// What was to fail in the virtual motor box; `None`: it is no fault of that.
     of_part: Option<Part>,
 }
 
@@ -309,7 +309,7 @@ impl Incidents {
         let recent = process.time_s - ASKED_BEFORE_S..=process.time_s;
         let mut asked = self.requests.iter().rev().filter(|asked| !asked.is_estop && recent.contains(&asked.time_s));
         let of_it = |name: &String| *name == process.name;
-        // Only motor-io has to do with cables and drive units.
+        // Only motor-io has to do with the motor box.
         let reaches = |asked: &RequestFact| asked.of_part.is_none() || process.role == "motor-io";
         let asked = asked.find(|asked| asked.of_process.as_ref().is_none_or(of_it) && reaches(asked));
         let causes = asked.map(|asked| asked.clause.clone()).into_iter().collect();

@@ -1,16 +1,19 @@
-//! Which cable or drive unit a fault of the virtual motor box names, and whether faults of the robot name them.
+//! Which cable or drive units a fault of the virtual motor box names, and whether faults of the robot name them.
 
 use messages::MotorAuthority;
 use messages::faults::{Faults, OF_CABLES, OF_UNITS};
 use runlog::{Attachment, system_file_text};
 use std::path::Path;
 
-/// Kinds of faults with a cable as their first argument.
+/// Kinds of faults with a cable as their first argument. This crate cannot see those of the motor box, which a test in
+/// `tests/` compares with these.
 const OF_ONE_CABLE: [&str; 5] = ["stall", "slip", "dead", "jump", "break"];
 /// Those with a port.
-const OF_ONE_PORT: [&str; 4] = ["noise", "silence", "late", "unplug"];
+const OF_ONE_PORT: [&str; 5] = ["noise", "silence", "late", "unplug", "plug"];
 /// Those with a port and the address of a unit on it.
 const OF_ONE_UNIT: [&str; 3] = ["mute", "reboot", "estop"];
+/// Those of all units.
+const OF_ALL_UNITS: [&str; 1] = ["supply"];
 
 /// What a fault of the virtual motor box names. Cables and ports count from 1, as in the request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,16 +21,20 @@ pub(super) enum Part {
     Cable(usize),
     Port(usize),
     Unit { port: usize, address: u8 },
+    AllUnits,
 }
 
 /// A drive unit of the system file: number of its port, from 1, and its address.
 pub(super) type UnitPlace = (usize, u8);
 
 impl Part {
-    /// Reads the text of a request; `None` if it names none of these.
+    /// Reads the text of a request; `None` if it is no fault of the virtual motor box.
     pub(super) fn of_request(text: &str) -> Option<Self> {
         let mut words = text.split_whitespace();
         let kind = words.next()?;
+        if OF_ALL_UNITS.contains(&kind) {
+            return Some(Self::AllUnits);
+        }
         let number = words.next()?.parse().ok();
         if OF_ONE_CABLE.contains(&kind) {
             return Some(Self::Cable(number?));
@@ -61,6 +68,7 @@ impl Part {
             Self::Port(_) | Self::Unit { .. } => {
                 failed_units.iter().any(|unit| units.get(*unit).is_none_or(|place| self.has(*place)))
             }
+            Self::AllUnits => !failed_units.is_empty(),
         }
     }
 
@@ -97,7 +105,10 @@ mod tests {
         for text in ["mute 2 0x81 for 1", "mute 2 129"] {
             assert_eq!(Part::of_request(text), Some(Part::Unit { port: 2, address: 129 }), "{text}");
         }
-        for text in ["supply 9", "kill controller", "slow controller 10", "stall", "stall x", "mute 1", ""] {
+        assert_eq!(Part::of_request("unplug 2 off"), Some(Part::Port(2)));
+        assert_eq!(Part::of_request("plug 2"), Some(Part::Port(2)));
+        assert_eq!(Part::of_request("supply 9"), Some(Part::AllUnits));
+        for text in ["kill controller", "slow controller 10", "stall", "stall x", "mute 1", ""] {
             assert_eq!(Part::of_request(text), None, "{text}");
         }
     }

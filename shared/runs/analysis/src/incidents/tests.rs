@@ -243,7 +243,7 @@ fn the_request_for_the_cable_or_unit_that_failed_comes_before_a_later_one() {
     let lost = |authority: &mut MotorAuthority| {
         (authority.faults, authority.fault_unit[2]) = (MotorAuthority::FAULT_LOST_UNIT, 1);
     };
-    for text in ["mute 2 0x80", "silence 2"] {
+    for text in ["mute 2 0x80", "silence 2", "supply 9"] {
         assert_eq!(causes(&[text, "mute 1 128"], lost), clause(text));
     }
     let lost: fn(&mut MotorAuthority) = |authority| authority.faults = MotorAuthority::FAULT_COMMAND_LOST;
@@ -270,8 +270,8 @@ fn without_a_request_for_what_failed_the_last_one_is_the_cause() {
 }
 
 #[test]
-fn no_process_but_motor_io_dies_of_a_fault_of_a_cable_or_a_unit() {
-    for text in ["stall 3", "unplug 1", "mute 1 128"] {
+fn no_process_but_motor_io_dies_of_a_fault_of_the_motor_box() {
+    for text in ["stall 3", "supply 9", "unplug 1", "mute 1 128"] {
         for (role, found) in [("sensor", 0), ("motor-io", 1)] {
             let mut incidents = Incidents::default();
             fly(&mut incidents, [0.0, 5.0], FOLLOWING, 0, 99.0);
