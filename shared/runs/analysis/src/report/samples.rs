@@ -37,11 +37,20 @@ pub struct Sensor {
     /// Number of values that are not in [`Sensor::values`]: those beyond the limit by number and name, and those of
     /// arrays by the number of the first one and the name of the field.
     left_out: BTreeMap<(usize, String), usize>,
-    /// Of a custom type: its values without arrays, each with its number among all values. By the index of the channel,
-    /// because a sensor may have another type after its recorder was restarted.
-    fields: BTreeMap<usize, Vec<(usize, SchemaField)>>,
+    /// Definitions of a custom type by the index of the channel, because a sensor may have another one after its
+    /// recorder was restarted.
+    definitions: BTreeMap<usize, Definition>,
     /// Its entry in the system file.
     settings: LoggedSensorSection,
+}
+
+/// What is read from each sample of a custom type.
+#[derive(Default)]
+struct Definition {
+    /// Offset of the time stamp, bytes; `None` without a header.
+    stamp_at: Option<usize>,
+    /// The values in the report, each with its index in [`Sensor::values`].
+    shown: Vec<(usize, SchemaField)>,
 }
 
 /// One kind of flag.
@@ -136,39 +145,15 @@ impl Sensors {
         self.recent.push_back((estimate.header.stamp_ns, estimate.position_m));
     }
 
-    /// Returns the position at this time according to the nearest estimate.
-    fn position_at(&self, stamp_ns: u64) -> Option<[f64; 3]> {
-        let at = self.recent.partition_point(|(stamp, _)| *stamp < stamp_ns);
-        let near = [at.checked_sub(1), Some(at)].into_iter().flatten().filter_map(|at| self.recent.get(at));
-        near.min_by_key(|(stamp, _)| stamp.abs_diff(stamp_ns)).map(|(_, place)| *place)
-    }
-
     /// Records a sensor sample.
     pub fn record(&mut self, time_s: f64, recorded: &RecordedSample<'_>) {
         let reading = recorded.decode::<Reading>();
         let sample = recorded.decode::<Sample>();
-        let place = match (&sample, &reading) {
-            (Some(sample), _) => Some(sample.position_m),
-            (None, Some(reading)) => self.position_at(reading.header.stamp_ns),
-            (None, None) => stamp_of(recorded).and_then(|stamp_ns| self.position_at(stamp_ns)),
-        };
         let settings = || {
             let (_, name) = recorded.channel.name.split_once('/').unwrap_or_default();
             self.settings.iter().find(|sensor| sensor.name == name).cloned().unwrap_or_default()
         };
-        let sensor = self.channels.entry(recorded.channel.name.clone()).or_insert_with(|| Sensor {
-            settings: settings(),
-            values: Vec::new(),
-            numbers: Vec::new(),
-            quality: Vec::new(),
-            spoken: 0,
-            newest: Vec::new(),
-            places: DecimatedPoints::default(),
-            samples: 0,
-            doubtful: 0,
-            left_out: BTreeMap::new(),
-            fields: BTreeMap::new(),
-        });
+        let sensor = self.channels.entry(recorded.channel.name.clone()).or_insert_with(|| Sensor::new(settings()));
         sensor.samples += 1;
         // What a driver repeats is no new value, as for the sensor logger.
         if reading.is_some_and(|reading| reading.quality == Reading::QUALITY_STALE) {
@@ -176,33 +161,19 @@ impl Sensors {
             return;
         }
         sensor.spoken += 1;
-        let values: Vec<(usize, String, f64)> = if let Some(reading) = reading {
+        let (place, values) = if let Some(reading) = reading {
             sensor.doubtful += u64::from(reading.quality != Reading::QUALITY_GOOD);
-            let names = Names::new(&reading.quantity, &reading.unit, reading.count);
-            names.of(&reading.value)
+            let named = Names::new(&reading.quantity, &reading.unit, reading.count).of(&reading.value);
+            (position_at(&self.recent, reading.header.stamp_ns), sensor.shown(named))
         } else if let Some(sample) = sample {
             sensor.doubtful += u64::from(sample.quality != Reading::QUALITY_GOOD);
-            Names::new(&sample.quantity, &sample.unit, sample.count).of(&sample.value)
+            let named = Names::new(&sample.quantity, &sample.unit, sample.count).of(&sample.value);
+            (Some(sample.position_m), sensor.shown(named))
         } else {
-            sensor.fields(recorded)
+            let (stamp_ns, values) = sensor.read(recorded);
+            (stamp_ns.and_then(|stamp_ns| position_at(&self.recent, stamp_ns)), values)
         };
-        for (index, name, value) in values {
-            // Two values may have one name, and another driver may give a value another name.
-            let mut known = sensor.values.iter().zip(&sensor.numbers);
-            let at = match known.position(|((known, _), number)| *known == name && *number == index) {
-                Some(at) => at,
-                None if sensor.values.len() < MAX_VALUES => {
-                    sensor.values.push((name, Trace::new(GAP_S)));
-                    sensor.numbers.push(index);
-                    sensor.quality.push(Quality::new(sensor.settings.range.get(index).copied()));
-                    sensor.newest.push(0);
-                    sensor.values.len() - 1
-                }
-                None => {
-                    sensor.left_out.insert((index, name), 1);
-                    continue;
-                }
-            };
+        for (at, value) in values {
             if let (0, Some(place)) = (at, place) {
                 sensor.places.add((place, value));
             }
@@ -243,6 +214,22 @@ impl Names {
 }
 
 impl Sensor {
+    fn new(settings: LoggedSensorSection) -> Self {
+        Self {
+            settings,
+            values: Vec::new(),
+            numbers: Vec::new(),
+            quality: Vec::new(),
+            spoken: 0,
+            newest: Vec::new(),
+            places: DecimatedPoints::default(),
+            samples: 0,
+            doubtful: 0,
+            left_out: BTreeMap::new(),
+            definitions: BTreeMap::new(),
+        }
+    }
+
     /// Returns quantity and unit of each value with its least and its greatest value.
     #[must_use]
     pub fn extremes(&self) -> Vec<Extremes> {
@@ -261,33 +248,92 @@ impl Sensor {
         self.left_out.values().sum()
     }
 
-    /// Returns the values of a custom type, as the sensor logger picks them, without arrays: each with its number among
-    /// all values.
-    fn fields(&mut self, recorded: &RecordedSample<'_>) -> Vec<(usize, String, f64)> {
-        if !self.fields.contains_key(&recorded.index) {
-            let Ok(schema) = Schema::parse(&recorded.channel.schema) else { return Vec::new() };
-            let fields = value_fields(&schema, &self.settings.fields).or_else(|_| value_fields(&schema, &[]));
-            let mut index = 0;
-            let mut scalars = Vec::new();
-            for field in fields.unwrap_or_default() {
-                let own = index;
-                index += field.count.unwrap_or(1);
-                match field.count {
-                    Some(count) => _ = self.left_out.insert((own, field.path), count),
-                    None => scalars.push((own, field)),
-                }
-            }
-            self.fields.insert(recorded.index, scalars);
+    /// Returns the time stamp of a sample of a custom type, and its values that are shown, each with its index in
+    /// [`Sensor::values`].
+    fn read(&mut self, recorded: &RecordedSample<'_>) -> (Option<u64>, Vec<(usize, f64)>) {
+        if !self.definitions.contains_key(&recorded.index) {
+            // A definition that cannot be read has no values.
+            let schema = Schema::parse(&recorded.channel.schema).ok();
+            let definition = schema.map(|schema| self.define(&schema)).unwrap_or_default();
+            self.definitions.insert(recorded.index, definition);
         }
+        let Some(definition) = self.definitions.get(&recorded.index) else { return (None, Vec::new()) };
+        let stamp = definition.stamp_at.and_then(|at| recorded.sample.get(at..at + 8)?.try_into().ok());
         let value = |field: &SchemaField| Some(Value::read(field, recorded.sample)?.number()?.as_f64());
-        let fields = self.fields.get(&recorded.index).into_iter().flatten();
-        fields.filter_map(|(index, field)| Some((*index, field.path.clone(), value(field)?))).collect()
+        let shown = definition.shown.iter().filter_map(|(at, field)| Some((*at, value(field)?)));
+        (stamp.map(u64::from_le_bytes), shown.collect())
+    }
+
+    /// Chooses the values of a custom type that are shown, of those that the sensor logger picks the ones without
+    /// arrays, and counts the others.
+    fn define(&mut self, schema: &Schema) -> Definition {
+        let stamp_at = schema.field("header.stamp_ns").map(|field| field.offset);
+        let fields = value_fields(schema, &self.settings.fields).or_else(|_| value_fields(schema, &[]));
+        let (mut number, mut shown) = (0, Vec::new());
+        for field in fields.unwrap_or_default() {
+            let own = number;
+            number += field.count.unwrap_or(1);
+            match field.count {
+                Some(count) => _ = self.left_out.insert((own, field.path), count),
+                None => shown.extend(self.place(own, field.path.clone()).map(|at| (at, field))),
+            }
+        }
+        Definition { stamp_at, shown }
+    }
+
+    /// Returns the values that are shown, each with its index in [`Sensor::values`].
+    fn shown(&mut self, named: Vec<(usize, String, f64)>) -> Vec<(usize, f64)> {
+        named.into_iter().filter_map(|(number, name, value)| Some((self.place(number, name)?, value))).collect()
+    }
+
+    /// Returns the index in [`Sensor::values`] of a value with this number and name. One that is not there is added, or
+    /// counted as left out where there is no room.
+    fn place(&mut self, number: usize, name: String) -> Option<usize> {
+        // Two values may have one name, and another driver may give a value another name.
+        let mut known = self.values.iter().zip(&self.numbers);
+        let at = known.position(|((known, _), own)| *known == name && *own == number);
+        if at.is_some() {
+            return at;
+        }
+        if self.values.len() == MAX_VALUES {
+            self.left_out.insert((number, name), 1);
+            return None;
+        }
+        self.values.push((name, Trace::new(GAP_S)));
+        self.numbers.push(number);
+        self.quality.push(Quality::new(self.settings.range.get(number).copied()));
+        self.newest.push(0);
+        Some(self.values.len() - 1)
     }
 }
 
-/// Returns the stamp of a sample with a header.
-fn stamp_of(recorded: &RecordedSample<'_>) -> Option<u64> {
-    let schema = Schema::parse(&recorded.channel.schema).ok()?;
-    let at = schema.field("header.stamp_ns")?.offset;
-    Some(u64::from_le_bytes(recorded.sample.get(at..at + 8)?.try_into().ok()?))
+/// Returns the position of the node at this time according to the nearest estimate.
+fn position_at(estimates: &VecDeque<(u64, [f64; 3])>, stamp_ns: u64) -> Option<[f64; 3]> {
+    let at = estimates.partition_point(|(stamp, _)| *stamp < stamp_ns);
+    let near = [at.checked_sub(1), Some(at)].into_iter().flatten().filter_map(|at| estimates.get(at));
+    near.min_by_key(|(stamp, _)| stamp.abs_diff(stamp_ns)).map(|(_, place)| *place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A definition of twenty numbers with names that begin so.
+    fn definition(prefix: &str) -> Schema {
+        let text: String = (0..20).map(|number| format!("float64 {prefix}{number}\n")).collect();
+        Schema::parse(&text).expect("a definition")
+    }
+
+    #[test]
+    fn of_each_sample_only_the_values_that_are_shown_are_read() {
+        let mut sensor = Sensor::new(LoggedSensorSection::default());
+        // The second one as after a restart of the recorder.
+        for _ in 0..2 {
+            let shown = sensor.define(&definition("a")).shown;
+            assert!(shown.iter().map(|(at, _)| *at).eq(0..MAX_VALUES));
+            assert_eq!(sensor.left_out(), 12);
+        }
+        assert!(sensor.define(&definition("b")).shown.is_empty());
+        assert_eq!((sensor.values.len(), sensor.left_out()), (MAX_VALUES, 32));
+    }
 }
