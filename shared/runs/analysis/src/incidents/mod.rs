@@ -122,7 +122,7 @@ pub struct Incidents {
 }
 
 impl Incidents {
-    /// Learns from the system file of a run which drive unit is which.
+    /// Reads from the system file of a run which drive unit is which.
     pub fn name_units(&mut self, run: &Path, inside: &[Attachment]) {
         self.units = part::units_of(run, inside);
     }
