@@ -13,11 +13,11 @@
 `nims sim SYSTEM.toml --estimator-program "python3 my_estimator.py"` flies with it in lockstep. The function is called
 once per control cycle, and returns for each cable what it estimates at the instant, or None.
 
-`asked` has: cycle; instant_ns, the instant that is asked for; for each cable lengths_m (unstretched, from the encoder;
-None where this cycle has no reading), sampled_ns (when it was read), ahead_s (from the newest reading to the instant;
-None before the first one), commands_m_s (in effect in this cycle, above 0 pays out); forget (all earlier readings are
-invalid); expect_anything (true once: the operator may have set the lengths, so the next reading of each cable, in this
-cycle or later, is correct also where it does not fit).
+`asked` has: cycle; period_s, that of the cycles (0 if it is unknown); instant_ns, the instant that is asked for; for
+each cable lengths_m (unstretched, from the encoder; None where this cycle has no reading), sampled_ns (when it was
+read), ahead_s (from the newest reading to the instant; None before the first one), commands_m_s (in effect in this
+cycle, above 0 pays out); forget (all earlier readings are invalid); expect_anything (true once: the operator may have
+set the lengths, so the next reading of each cable, in this cycle or later, is correct also where it does not fit).
 
 An estimate has length_m and velocity_m_s, and may have steady_velocity_m_s (for the velocity of the node; default:
 motor-io's mean over 50 ms), sigma_m (standard deviation in addition to that of a reading) and phi (the motor model).

@@ -6,9 +6,9 @@ import nims_estimator
 
 ALPHA = 0.5
 BETA = ALPHA * ALPHA / (2.0 - ALPHA)
-# A longer silence is not bridged: three cycles, or as long as these are at 250 Hz.
+# A longer silence is not bridged: three cycles, at more than 250 Hz as many as last as long as three at 250 Hz.
 BRIDGED_CYCLES = 3
-BRIDGED_NS = 12_000_000
+BRIDGED_S = 0.012
 
 # Of each cable that was read: length (m), velocity (m/s), time (ns) and cycle of the newest reading.
 states = {}
@@ -25,6 +25,14 @@ def estimate(asked):
     return [cable(asked, i) for i in range(len(asked.lengths_m))]
 
 
+def bridges(asked, cycle):
+    """Whether the time since a reading of this cycle is bridged."""
+    # A nims before this field does not send it.
+    period_s = getattr(asked, "period_s", 0.0)
+    most = max(BRIDGED_CYCLES, int(BRIDGED_S / period_s + 0.5)) if period_s > 0.0 else BRIDGED_CYCLES
+    return 0 <= asked.cycle - cycle <= most
+
+
 def cable(asked, i):
     length_m, sampled_ns = asked.lengths_m[i], asked.sampled_ns[i]
     if length_m is not None:
@@ -33,7 +41,7 @@ def cable(asked, i):
         last = None if i in anything else states.get(i)
         anything.discard(i)
         passed_ns = sampled_ns - last[2] if last else 0
-        if passed_ns > 0 and (asked.cycle - last[3] <= BRIDGED_CYCLES or passed_ns <= BRIDGED_NS):
+        if passed_ns > 0 and bridges(asked, last[3]):
             passed_s = passed_ns * 1e-9
             expected_m = last[0] + last[1] * passed_s
             difference_m = length_m - expected_m

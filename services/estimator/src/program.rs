@@ -20,6 +20,9 @@ use crate::readings::Measurements;
 pub struct Question {
     /// Control cycle. It increases by one from question to question, or by more if samples were lost.
     pub cycle: u64,
+    /// Period of the control cycle, s; 0 if it is unknown.
+    #[serde(default)]
+    pub period_s: f64,
     /// The instant that is asked for, ns on the monotonic clock.
     pub instant_ns: u64,
     /// Unstretched lengths from the encoders, m; `None` where this cycle has no reading.
@@ -123,6 +126,7 @@ impl ProgramEstimator {
         let newest = self.newest.iter().take(samples.len());
         let question = Question {
             cycle: instant.cycle,
+            period_s: instant.period_s,
             instant_ns: instant.time_ns,
             lengths_m: samples.iter().map(|sample| sample.length_m).collect(),
             sampled_ns: samples.iter().map(|sample| sample.sampled_ns).collect(),

@@ -24,7 +24,7 @@ pub fn serve(cable: Box<dyn CableEstimator>, questions: impl BufRead, answers: i
 /// The cables of the system.
 struct Served {
     count: usize,
-    /// Period of the control cycles, s.
+    /// Period of the control cycles in the system file, s.
     period_s: f64,
     cables: Cables,
     readings: Readings,
@@ -49,6 +49,8 @@ impl Served {
         if question.expect_anything {
             self.cables.expect_anything();
         }
+        // A nims before this field does not send it.
+        let period_s = if question.period_s > 0.0 { question.period_s } else { self.period_s };
         let of_cables = question.lengths_m.iter().zip(&question.sampled_ns).zip(&question.commands_m_s);
         let samples: Vec<CableSample> = of_cables
             .map(|((length_m, sampled_ns), command_m_s)| CableSample {
@@ -56,10 +58,10 @@ impl Served {
                 length_m: *length_m,
                 sampled_ns: *sampled_ns,
                 command_m_s: *command_m_s,
-                period_s: self.period_s,
+                period_s,
             })
             .collect();
-        let instant = Instant { cycle: question.cycle, time_ns: question.instant_ns, period_s: self.period_s };
+        let instant = Instant { cycle: question.cycle, time_ns: question.instant_ns, period_s };
         let measured = self.cables.measure(&mut self.readings, &samples, &instant);
         measured.iter().take(self.count).map(|at| at.and_then(Answer::of)).collect()
     }

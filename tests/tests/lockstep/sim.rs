@@ -251,6 +251,52 @@ fn an_estimator_in_its_own_program_flies_as_one_inside() {
     }
 }
 
+/// The programs of both templates for an estimator.
+fn templates() -> [String; 2] {
+    [env!("CARGO_BIN_EXE_my-estimator").to_owned(), python(&project().join("scripts/templates/estimator.py"))]
+}
+
+/// The answers of a program to these lines, without that to the first one.
+fn answers(program: &str, lines: &[Value]) -> Vec<Value> {
+    let asked: String = lines.iter().map(|line| format!("{line}\n")).collect();
+    let program = format!("{program} --lockstep --system {}", lines[0]["system"].as_str().unwrap());
+    let mut child = Command::new("sh").args(["-c", &program]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+    let child = child.as_mut().unwrap();
+    child.stdin.take().unwrap().write_all(asked.as_bytes()).unwrap();
+    let mut said = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut said).unwrap();
+    assert!(child.wait().unwrap().success(), "{program}");
+    said.lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// A silence is bridged by its cycles, of which more last as long at 500 Hz; the times of readings vary a little.
+#[test]
+fn both_templates_bridge_as_many_cycles() {
+    let system = project().join("configs/systems/demo3.toml");
+    for (period_ns, silence, is_bridged) in
+        [(10_000_000, 3, true), (10_000_000, 4, false), (2_000_000, 6, true), (2_000_000, 7, false)]
+    {
+        let mut lines = vec![serde_json::json!({ "system": system, "cables": 3 })];
+        for cycle in 1..=4 + silence {
+            let is_last = cycle == 4 + silence;
+            let length_m = (cycle <= 4 || is_last).then(|| 5.0 + 0.001 * cycle as f64);
+            let at_ns = cycle * period_ns + if is_last { 300_000 } else { 0 };
+            lines.push(serde_json::json!({
+                "cycle": cycle, "period_s": 1e-9 * period_ns as f64, "instant_ns": at_ns + 1_000_000,
+                "lengths_m": vec![length_m; 3], "sampled_ns": vec![at_ns; 3], "ahead_s": vec![0.001; 3],
+                "commands_m_s": vec![0.1; 3], "forget": false, "expect_anything": false,
+            }));
+        }
+        let velocities = templates().map(|program| {
+            let last = answers(&program, &lines).pop().unwrap();
+            last[0]["velocity_m_s"].as_f64().unwrap()
+        });
+        let [rust, python] = velocities;
+        assert!((rust - python).abs() < 1e-12, "{period_ns} {silence}: {velocities:?}");
+        assert_eq!(rust != 0.0, is_bridged, "{period_ns} {silence}: {velocities:?}");
+    }
+}
+
 /// The operator sets the lengths in a cycle in which one cable has no reading.
 #[test]
 fn both_templates_expect_any_reading_of_a_cable_until_it_has_one() {
@@ -270,19 +316,7 @@ fn both_templates_expect_any_reading_of_a_cable_until_it_has_one() {
             "commands_m_s": vec![0.1; 3], "forget": false, "expect_anything": cycle == 4,
         }));
     }
-    let asked: String = lines.iter().map(|line| format!("{line}\n")).collect();
-    let answers = |program: &str| -> Vec<Value> {
-        let program = format!("{program} --lockstep --system {}", system.display());
-        let mut child = Command::new("sh").args(["-c", &program]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
-        let child = child.as_mut().unwrap();
-        child.stdin.take().unwrap().write_all(asked.as_bytes()).unwrap();
-        let mut said = String::new();
-        child.stdout.take().unwrap().read_to_string(&mut said).unwrap();
-        assert!(child.wait().unwrap().success(), "{program}");
-        said.lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect()
-    };
-    let [rust, python] =
-        [env!("CARGO_BIN_EXE_my-estimator"), &python(&project().join("scripts/templates/estimator.py"))].map(answers);
+    let [rust, python] = templates().map(|program| answers(&program, &lines));
     let figures = |answers: &[Value]| -> Vec<Option<[f64; 2]>> {
         let of_cables = answers.iter().flat_map(|answer| answer.as_array().unwrap());
         of_cables.map(|one| Some([one["length_m"].as_f64()?, one["velocity_m_s"].as_f64()?])).collect()
