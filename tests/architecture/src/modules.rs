@@ -314,6 +314,32 @@ impl Reader {
     }
 }
 
+/// Returns whether a file has an item for tests only, anywhere but in a macro that it defines: the tests of a macro are
+/// those of the crates that use it.
+///
+/// # Errors
+/// If the text is not Rust.
+pub fn has_tests(text: &str) -> io::Result<bool> {
+    let stream: TokenStream = text.parse().map_err(|e| io::Error::other(format!("not Rust: {e}")))?;
+    Ok(has_test_item(stream))
+}
+
+fn has_test_item(stream: TokenStream) -> bool {
+    let tokens: Vec<TokenTree> = stream.into_iter().collect();
+    let is_test = |i: usize| {
+        let mut attributes = Attributes::default();
+        attributes.read_at(&tokens, i);
+        attributes.test
+    };
+    // As in `macro_rules! name { .. }`.
+    let is_macro = |i: usize| i.checked_sub(3).is_some_and(|first| tokens[first].to_string() == "macro_rules");
+    tokens.iter().enumerate().any(|(i, token)| match token {
+        TokenTree::Punct(hash) if hash.as_char() == '#' => is_test(i),
+        TokenTree::Group(group) => !is_macro(i) && has_test_item(group.stream()),
+        _ => false,
+    })
+}
+
 /// Keywords before the name of an item.
 const DEFINES: [&str; 9] = ["fn", "struct", "enum", "trait", "type", "const", "static", "union", "mut"];
 

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 use architecture::Package;
+use architecture::modules::has_tests;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
@@ -301,6 +302,17 @@ fn has_example(text: &str) -> bool {
     })
 }
 
+#[test]
+fn tests_are_found_under_a_further_condition_and_not_in_a_text_or_a_macro() {
+    for text in ["#[cfg(test)] mod tests;", "mod a { #[cfg(all(test, unix))] mod tests {} }", "#[test] fn it() {}"] {
+        assert!(has_tests(text).unwrap(), "{text}");
+    }
+    let suite = "macro_rules! suite { () => { #[test] fn it() {} } }";
+    for text in [suite, "// #[cfg(test)]", "const TEXT: &str = \"#[cfg(test)]\";", "#[cfg(not(test))] mod real;"] {
+        assert!(!has_tests(text).unwrap(), "{text}");
+    }
+}
+
 /// A test program and a run of rustdoc take time even if there is nothing to test, and what is there has to be tested.
 #[test]
 fn a_library_is_tested_exactly_if_it_has_tests() {
@@ -309,8 +321,7 @@ fn a_library_is_tested_exactly_if_it_has_tests() {
         let manifest: toml::Table = manifest.parse().unwrap();
         let set = |key: &str| manifest.get("lib").and_then(|lib| lib.get(key)).and_then(toml::Value::as_bool);
         let sources = sources(package);
-        // The tests of the suite are those of the families that run it.
-        let tests = sources.iter().any(|(_, text)| text.contains("#[cfg(test)]"));
+        let tests = sources.iter().any(|(_, text)| has_tests(text).unwrap());
         let examples = sources.iter().any(|(_, text)| has_example(text));
         for (key, has, what) in [("test", tests, "tests"), ("doctest", examples, "examples in its documentation")] {
             let tested = set(key).unwrap_or(true);
