@@ -347,7 +347,7 @@ run_tests() {
     if cargo nextest --version >/dev/null 2>&1; then
         cargo nextest run "$@"
     else
-        cargo test --no-fail-fast --lib --bins --tests "$@"
+        cargo test --no-fail-fast --tests "$@"
     fi
 }
 

@@ -288,20 +288,6 @@ fn every_crate_has_the_workspace_lints_and_a_purpose() {
     }
 }
 
-/// Whether the documentation in a file has an example that rustdoc runs or compiles.
-fn has_example(text: &str) -> bool {
-    let documentation = text.lines().filter_map(|line| {
-        let line = line.trim_start();
-        line.strip_prefix("//!").or_else(|| line.strip_prefix("///"))
-    });
-    let fences = documentation.filter_map(|line| line.trim_start().strip_prefix("```"));
-    // Every second fence closes a block.
-    fences.step_by(2).any(|languages| {
-        let rust = ["", "rust", "no_run", "should_panic", "compile_fail", "ignore"];
-        languages.split(',').all(|word| rust.contains(&word.trim()))
-    })
-}
-
 #[test]
 fn tests_are_found_under_a_further_condition_and_not_in_a_text_or_a_macro() {
     for text in ["#[cfg(test)] mod tests;", "mod a { #[cfg(all(test, unix))] mod tests {} }", "#[test] fn it() {}"] {
@@ -313,21 +299,17 @@ fn tests_are_found_under_a_further_condition_and_not_in_a_text_or_a_macro() {
     }
 }
 
-/// A test program and a run of rustdoc take time even if there is nothing to test, and what is there has to be tested.
+/// A test program takes time to build even if it tests nothing.
 #[test]
 fn a_library_is_tested_exactly_if_it_has_tests() {
     for (name, package) in packages().iter().filter(|(_, package)| !package.separate) {
         let manifest = std::fs::read_to_string(package.folder.join("Cargo.toml")).unwrap();
         let manifest: toml::Table = manifest.parse().unwrap();
-        let set = |key: &str| manifest.get("lib").and_then(|lib| lib.get(key)).and_then(toml::Value::as_bool);
+        let set = manifest.get("lib").and_then(|lib| lib.get("test")).and_then(toml::Value::as_bool);
         let sources = sources(package);
-        let tests = sources.iter().any(|(_, text)| has_tests(text).unwrap());
-        let examples = sources.iter().any(|(_, text)| has_example(text));
-        for (key, has, what) in [("test", tests, "tests"), ("doctest", examples, "examples in its documentation")] {
-            let tested = set(key).unwrap_or(true);
-            assert!(tested || !has, "{name} has {what}: take `{key} = false` out of [lib] in its Cargo.toml");
-            assert!(has || !tested, "{name} has no {what}: set `{key} = false` under [lib] in its Cargo.toml");
-        }
+        let (tested, has) = (set.unwrap_or(true), sources.iter().any(|(_, text)| has_tests(text).unwrap()));
+        assert!(tested || !has, "{name} has tests: take `test = false` out of [lib] in its Cargo.toml");
+        assert!(has || !tested, "{name} has no tests: set `test = false` under [lib] in its Cargo.toml");
     }
 }
 
