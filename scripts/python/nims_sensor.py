@@ -49,6 +49,8 @@ import time
 from pathlib import Path
 
 ICEORYX2 = "0.10.0"
+# In the error of iceoryx2 for an event that as many processes have open as it has places for.
+FULL = "ExceedsMaxNumberOfNodes"
 SHARED_MEMORY = "/dev/shm"
 # Bytes of an attribute, and attributes of a channel or an event. The definition of a message begins in the attributes
 # of the channel, after its hash, and continues in those of events that exist only for it.
@@ -471,6 +473,8 @@ class _SharedMemory:
             self._reserve()
             self._notifier = self._event(self.channel)
             self._reserve()
+        except SensorError:
+            raise
         except Exception as error:
             if "IncompatibleTypes" in str(error):
                 raise SensorError(
@@ -478,8 +482,19 @@ class _SharedMemory:
                     f" is still open, e.g. in the recorder: use e.g. `{name}-2`"
                 ) from None
             raise SensorError(f"`{self.channel}` cannot be published: {error}; other sensors of this name may run") from None
-        # Wakes the processes that look for new channels, above all the recorder.
-        self._event("system/channels").notify()
+        # Wakes the processes that look for new channels, above all the recorder. They also look without it.
+        try:
+            self._event("system/channels").notify()
+        except (iceoryx2.EventOpenError, iceoryx2.EventCreateError, iceoryx2.NotifierCreateError) as error:
+            if FULL not in str(error) and "ExceedsMaxSupportedNotifiers" not in str(error):
+                raise SensorError(f"`{self.channel}` cannot be announced: {error}") from None
+            print(f"{name}: {self._full()}; until then `{self.channel}` is found up to a second later", file=sys.stderr, flush=True)
+
+    def _full(self):
+        return (
+            f"the robot already has its {self._processes} processes: end one of them and start this one again, or raise `processes` of [bus]"
+            " in the system file and start the robot again"
+        )
 
     def _builder(self):
         return (
@@ -547,7 +562,12 @@ class _SharedMemory:
 
     def _sheet(self, name, text):
         """A continuation of the definition, held open while the sensor runs."""
-        return self._event_with(name, 1, 1, self._processes, lambda sized: sized.create_with_attributes(_attributes(text)))
+        try:
+            return self._event_with(name, 1, 1, self._processes, lambda sized: sized.create_with_attributes(_attributes(text)))
+        except iceoryx2.EventOpenError as error:
+            if FULL not in str(error):
+                raise
+            raise SensorError(f"`{self.channel}` cannot be published: {self._full()}") from None
 
     def _event_with(self, name, notifiers, listeners, nodes, create):
         """Opens an event with as many places as it has, or creates it with these."""
@@ -558,8 +578,13 @@ class _SharedMemory:
             for attempt in (lambda: builder().open(), lambda: create(sized())):
                 try:
                     return attempt()
-                except (iceoryx2.EventOpenError, iceoryx2.EventCreateError) as error:
+                except iceoryx2.EventOpenError as error:
                     last = error
+                    if FULL in str(error):
+                        raise
+                except iceoryx2.EventCreateError as error:
+                    if "AlreadyExists" not in str(error):
+                        last = error
             time.sleep(0.01)
         raise last
 

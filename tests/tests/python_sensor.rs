@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use bus::{Bus, Domain};
+use bus::{Bus, Domain, Subscriber};
 use messages::{Heartbeat, hash_of};
 use runlog::info;
 
@@ -106,6 +106,50 @@ fn the_bridge_to_ros_2_outlives_the_gateway_and_publishes_nothing_after_its_end(
     checks("check_bridge.py", &[]);
 }
 
+/// Starts the recorder, and waits until it is ready.
+fn recorder(domain: &Domain, run: &Path, log: Stdio, beats: &mut Subscriber<Heartbeat>) -> Guard {
+    let program = std::env::current_exe().unwrap().parent().unwrap().join("../recorder");
+    let mut command = Command::new(program);
+    let recorder = Guard(command.args(["--domain", domain.name(), "--run"]).arg(run).stderr(log).spawn().unwrap());
+    until("the recorder is ready", || {
+        std::iter::from_fn(|| beats.receive().unwrap()).any(|beat| beat.state == Heartbeat::STATE_READY)
+    });
+    recorder
+}
+
+/// The only place is taken before either starts.
+#[test]
+fn a_full_robot_still_records_a_new_sensor() {
+    let (domain, folder) = (Domain::for_test(), tempfile::tempdir().unwrap());
+    domain.set_processes(1).unwrap();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut beats = bus.subscriber::<Heartbeat>("system/heartbeat/recorder").unwrap();
+    let log = |name: &str| folder.path().join(name);
+    let to = |name: &str| Stdio::from(std::fs::File::create(log(name)).unwrap());
+    let mut recorder = recorder(&domain, folder.path(), to("recorder.log"), &mut beats);
+    assert!(new_sensor(folder.path(), &["example"]).0);
+    let mut python = Command::new(python());
+    let sensor = python.arg(log("example.py")).args(["--shared-memory", "--domain", domain.name()]);
+    let mut sensor = Guard(sensor.stderr(to("sensor.log")).spawn().unwrap());
+    let mut tap = None;
+    until("the sensor publishes", || {
+        tap = tap.take().or_else(|| bus.tap("sensor/example").ok());
+        tap.as_mut().is_some_and(|tap| tap.receive(|_| ()).unwrap().is_some())
+    });
+    // The recorder looks once a second.
+    std::thread::sleep(Duration::from_secs(2));
+    assert_eq!((sensor.end(), recorder.end()), (Some(0), Some(0)));
+    for name in ["recorder.log", "sensor.log"] {
+        let said = std::fs::read_to_string(log(name)).unwrap();
+        let warnings: Vec<&str> = said.lines().filter(|line| line.contains("its 1 processes")).collect();
+        assert!(matches!(*warnings, [only] if only.contains("`processes` of [bus]")), "{said}");
+        assert!(!said.contains("Traceback"), "{said}");
+    }
+    let report = info(&log("run.mcap")).unwrap();
+    let channel = report.channels.iter().find(|channel| channel.name == "sensor/example");
+    assert!(channel.expect("the channel is recorded").messages >= 10);
+}
+
 #[test]
 fn the_template_is_recorded_whole_under_its_own_field_names() {
     let (domain, folder) = (Domain::for_test(), tempfile::tempdir().unwrap());
@@ -113,18 +157,7 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
     domain.set_processes(64).unwrap();
     let bus = Bus::join(&domain, "test").unwrap();
     let mut beats = bus.subscriber::<Heartbeat>("system/heartbeat/recorder").unwrap();
-    let recorder = std::env::current_exe().unwrap().parent().unwrap().join("../recorder");
-    let mut recorder = Guard(
-        Command::new(recorder)
-            .args(["--domain", domain.name(), "--run"])
-            .arg(folder.path())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap(),
-    );
-    until("the recorder is ready", || {
-        std::iter::from_fn(|| beats.receive().unwrap()).any(|beat| beat.state == Heartbeat::STATE_READY)
-    });
+    let mut recorder = recorder(&domain, folder.path(), Stdio::null(), &mut beats);
     let (done, said) = new_sensor(folder.path(), &["example"]);
     // The command that plugs it in.
     assert!(done && said.contains("nims plug example -- "), "{said}");
