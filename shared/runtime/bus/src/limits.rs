@@ -7,15 +7,12 @@
 
 use std::fs;
 
-use iceoryx2::prelude::MessagingPattern;
 use rustix::fs::statvfs;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::definition;
 use crate::domain::{PROCESSES_FILE, SHARED_MEMORY};
-use crate::error::THIS_PROCESS;
-use crate::node::names_of;
-use crate::{Bus, BusError, CHANNELS_EVENT, Domain};
+use crate::{BusError, Domain};
 
 /// Size of the event of new channels without its places, and of each place: a process and its notifier, bytes. Measured
 /// with iceoryx2 0.10, as the next one; a test compares both.
@@ -42,30 +39,6 @@ impl Domain {
     pub fn processes(&self) -> usize {
         let text = fs::read_to_string(self.root().join(PROCESSES_FILE)).ok();
         text.and_then(|text| text.trim_end().parse().ok()).unwrap_or(messages::PROCESSES)
-    }
-}
-
-/// Places of a robot that are not as many as its owner has stated, because they were reserved before.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FormerPlaces {
-    /// Processes for which the robot has places.
-    pub processes: usize,
-    /// Processes for which it should have places.
-    pub stated: usize,
-    /// The other processes that hold them.
-    pub holders: Vec<String>,
-}
-
-impl Bus {
-    /// Returns the places of the robot if they are not as many as were stated when this process joined: they remain
-    /// until the last process that holds them ends.
-    #[must_use]
-    pub fn former_places(&self) -> Option<FormerPlaces> {
-        let found = self.details(CHANNELS_EVENT, MessagingPattern::Event)?;
-        let (processes, stated) = (found.static_details.event().max_nodes(), self.processes);
-        let mut holders = found.dynamic_details.map(|found| names_of(&found.nodes)).unwrap_or_default();
-        holders.retain(|holder| holder != THIS_PROCESS);
-        (processes != stated).then_some(FormerPlaces { processes, stated, holders })
     }
 }
 
