@@ -12,8 +12,8 @@ use std::os::unix::process::ExitStatusExt;
 
 /// Period of the table, ns.
 const TABLE_NS: u64 = 1_000_000_000;
-/// Parts in which the table is published again within its period: a reader has room for 512 rows, so that one that looks
-/// ten times a second receives all rows of the largest robot.
+/// Parts in which the table is published again within its period. A reader has room for 512 rows: one that looks ten
+/// times a second receives all rows of the largest robot.
 const PARTS: usize = 10;
 
 impl Supervisor {

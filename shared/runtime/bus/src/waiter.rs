@@ -67,8 +67,8 @@ impl Bus {
 }
 
 impl Waiter {
-    /// Adds a channel; returns its index for [`Wake::channel`]. If [`CHANNELS_EVENT`] has no free place, the waiter does
-    /// without it ([`Waiter::deaf`]): who looks for channels also looks without it, once a second.
+    /// Adds a channel; returns its index for [`Wake::channel`]. If [`CHANNELS_EVENT`] has no free place, the waiter goes
+    /// without ([`Waiter::deaf`]): who looks for channels also looks without it, once a second.
     ///
     /// # Errors
     /// As [`Bus::waiter`].
