@@ -67,7 +67,7 @@ impl Bus {
 }
 
 impl Waiter {
-    /// Adds a channel; returns its index for [`Wake::channel`]. If [`CHANNELS_EVENT`] has no free place, the waiter goes
+    /// Adds a channel; returns its index for [`Wake::channel`]. If [`CHANNELS_EVENT`] has no free place, it goes
     /// without ([`Waiter::deaf`]): who looks for channels also looks without it, once a second.
     ///
     /// # Errors
