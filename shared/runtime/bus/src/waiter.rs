@@ -68,7 +68,7 @@ impl Bus {
 
 impl Waiter {
     /// Adds a channel; returns its index for [`Wake::channel`]. If [`CHANNELS_EVENT`] has no free place, it goes
-    /// without ([`Waiter::deaf`]): who looks for channels also looks without it, once a second.
+    /// without ([`Waiter::deaf`]): a process that looks for channels also does so once a second.
     ///
     /// # Errors
     /// As [`Bus::waiter`].

@@ -268,7 +268,7 @@ impl Chassis {
     /// Those of [`Bus::waiter`].
     pub fn waiter(&self, channels: &[&str]) -> Result<Waiter, BusError> {
         let mut waiter = self.bus.waiter(channels)?;
-        // Who could not announce its channels has said so.
+        // A process that could not announce its channels has warned already.
         if let Some(full) = waiter.deaf().filter(|_| self.bus.unannounced().is_none()) {
             warn!("{full}; until then this process finds new channels up to a second later");
         }
