@@ -279,7 +279,7 @@ fn both_templates_bridge_as_many_cycles() {
         let mut lines = vec![serde_json::json!({ "system": system, "cables": 3 })];
         for cycle in 1..=4 + silence {
             let is_last = cycle == 4 + silence;
-            let length_m = (cycle <= 4 || is_last).then(|| 5.0 + 0.001 * cycle as f64);
+            let length_m = (cycle <= 4 || is_last).then_some(5.0 + 0.001 * cycle as f64);
             let at_ns = cycle * period_ns + if is_last { 300_000 } else { 0 };
             lines.push(serde_json::json!({
                 "cycle": cycle, "period_s": 1e-9 * period_ns as f64, "instant_ns": at_ns + 1_000_000,
