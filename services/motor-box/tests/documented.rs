@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use config::{
-    ArbiterSection, ControllerSection, EstimatorSection, GatewaySection, LinesSection, LoggedSensorSection,
+    ArbiterSection, BusSection, ControllerSection, EstimatorSection, GatewaySection, LinesSection, LoggedSensorSection,
     MotorIoSection, MotorSection, ObstacleSection, PlannerSection, PluginSection, PortSection, ProcessSection,
     RealtimeSection, RecorderSection, RobotFile, RobotSection, SensorLoggerSection, SiteSection, SystemFile,
     UncertaintySection, UnitSection, ViewerSection,
@@ -63,6 +63,7 @@ fn every_key_of_a_system_file_is_in_demo3() {
         "sensor_logger",
         "motor_box",
         "realtime",
+        "bus",
         "process",
         "gateway",
         "plugin",
@@ -88,6 +89,7 @@ fn every_key_of_a_system_file_is_in_demo3() {
             ("[[motor_box.device]]", without(keys::<DeviceSection>(), "value")),
             ("[[motor_box.device.value]]", [keys::<FieldSection>(), keys::<PeakSection>()].concat()),
             ("[realtime]", keys::<RealtimeSection>()),
+            ("[bus]", keys::<BusSection>()),
             ("[[process]]", keys::<ProcessSection>()),
             ("[gateway]", keys::<GatewaySection>()),
             ("[[plugin]]", keys::<PluginSection>()),
