@@ -465,9 +465,9 @@ fn processes_outside_the_control_cycle_die_without_effect_on_the_flight() {
         }
         let mut watcher = Command::new(program());
         watcher.args(["--domain", robot.domain.name(), "channel", "echo", "motor/state"]);
-        let before = robot.domain.alive().len();
         let mut watcher = watcher.stdout(Stdio::null()).spawn().unwrap();
-        robot.until_reported("it watches", |robot| robot.domain.alive().len() > before);
+        let pid = watcher.id();
+        robot.until_reported("it watches", |robot| robot.domain.alive().iter().any(|node| node.pid == pid));
         robot.for_cycles(20);
         watcher.kill().unwrap();
         watcher.wait().unwrap();
