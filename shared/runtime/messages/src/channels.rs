@@ -136,6 +136,8 @@ const SLOW: Quality = Quality { buffer: 64, history: 32, late: 4, publishers: 1,
 const TABLE: Quality = Quality { buffer: 1024, history: 512, late: 512, publishers: 8, subscribers: 24, nodes: 48 };
 /// Bursts: every line of a log at start-up; several publishers.
 const BURST: Quality = Quality { buffer: 256, history: 128, late: 32, publishers: 8, subscribers: 24, nodes: 48 };
+/// Log of the supervisor: a line or two for each of a thousand processes, before the recorder begins to listen.
+const START: Quality = Quality { buffer: 2048, history: 1024, late: 32, publishers: 8, subscribers: 24, nodes: 48 };
 /// Sensors up to 100 Hz; a replacement may overlap its predecessor.
 const SENSOR: Quality = Quality { buffer: 256, history: 128, late: 4, publishers: 2, subscribers: 24, nodes: 48 };
 
@@ -221,6 +223,7 @@ channels! {
     "blob/*": any by "each sensor", BLOB;
     "energy": Energy by "motor-io", CYCLE, first "energy";
     "system/heartbeat/*": Heartbeat by "each process", SLOW;
+    "system/log/nims": LogEvent by "supervisor", START;
     "system/log/*": LogEvent by "each process", BURST;
     "system/config/*": SystemConfig by "each process", CONFIG;
     "system/process": ProcessState by "supervisor", TABLE, first "system/process";
