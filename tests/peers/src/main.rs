@@ -10,8 +10,9 @@ mod measure;
 mod place;
 mod process;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use link::Way;
+use measure::Plan;
 use place::Place;
 use std::path::Path;
 
@@ -23,17 +24,25 @@ fn main() -> Result<()> {
         ["spin"] => loop {
             std::hint::spin_loop();
         },
-        [] => measure::measure(2000, Place::Any, 1),
-        [samples] => measure::measure(number(samples)?, Place::Any, 1),
-        [samples, place] => measure::measure(number(samples)?, Place::named(place)?, 1),
-        [samples, place, receivers] => measure::measure(number(samples)?, Place::named(place)?, number(receivers)?),
-        _ => bail!(
-            "accepted: the number of samples of each way, then `any`, `one-core` or `two-cores`, then the number of receivers; or nothing"
-        ),
+        ref asked => measure::measure(plan(asked)?),
     }
 }
 
-fn number(text: &str) -> Result<u64> {
-    text.parse()
-        .with_context(|| format!("{text} is no number: the first argument is that of samples, the third of receivers"))
+/// Reads what is measured; what is not given has its default.
+fn plan(asked: &[&str]) -> Result<Plan> {
+    ensure!(
+        asked.len() <= 4,
+        "accepted: the number of samples of each way, then `any`, `one-core` or `two-cores`, then the number of receivers, then that of samples in a row; or nothing"
+    );
+    let number = |place: usize, default: u64| {
+        let parsed = asked.get(place).map_or(Ok(default), |text| text.parse());
+        let parsed = parsed.ok().filter(|number| *number > 0);
+        parsed.with_context(|| format!("argument {} is {:?}, which is no number above 0", place + 1, asked[place]))
+    };
+    Ok(Plan {
+        samples: number(0, 2000)?,
+        cores: Place::named(asked.get(1).unwrap_or(&"any"))?,
+        receivers: number(2, 1)?,
+        row: number(3, 1)?,
+    })
 }

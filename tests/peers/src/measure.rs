@@ -13,8 +13,24 @@ use std::process::{Child, ChildStderr, ChildStdout, Stdio};
 
 /// Time between the samples of two ways, ns: all fall asleep in between.
 const SLOT_NS: u64 = 1_000_000;
+/// Time between two samples of a row, ns: longer than the slowest way takes, and the memory that it uses is still in the
+/// cache of the processor.
+const GAP_NS: u64 = 500_000;
 /// Time until the schedule begins, ns.
 const HEAD_START_NS: u64 = 200_000_000;
+
+/// What is measured.
+#[derive(Debug, Clone, Copy)]
+pub struct Plan {
+    /// Samples of each way.
+    pub samples: u64,
+    /// Where the processes run.
+    pub cores: Place,
+    /// Receivers of each way.
+    pub receivers: u64,
+    /// Samples that a way sends in a row, before it is the turn of the next one.
+    pub row: u64,
+}
 
 /// The processes of a way, which are killed when this is dropped.
 struct Ends {
@@ -66,9 +82,9 @@ impl Ends {
         Ok(Self { name, sender, receivers: started })
     }
 
-    fn begin(&mut self, begin_ns: u64, period_ns: u64, samples: u64) -> Result<()> {
+    fn begin(&mut self, begin_ns: u64, period_ns: u64, plan: &Plan) -> Result<()> {
         let input = self.sender.child.stdin.as_mut().context("no input")?;
-        Ok(writeln!(input, "{begin_ns} {period_ns} {samples}")?)
+        Ok(writeln!(input, "{begin_ns} {period_ns} {GAP_NS} {} {}", plan.row, plan.samples)?)
     }
 
     /// Delays until the last receiver had a sample that all have, in rising order, ns, and the processor time of all
@@ -105,16 +121,17 @@ fn said(from: &mut impl BufRead) -> Result<String> {
     Ok(line.trim().to_owned())
 }
 
-/// Measures every way with so many samples and receivers on these processors, and prints the table.
-pub fn measure(samples: u64, cores: Place, receivers: u64) -> Result<()> {
+/// Measures every way, and prints the table.
+pub fn measure(plan: Plan) -> Result<()> {
     let place = std::env::temp_dir().join(format!("peers-{}", std::process::id()));
     std::fs::create_dir_all(&place)?;
-    let result = in_folder(samples, &place, cores, receivers);
+    let result = in_folder(plan, &place);
     std::fs::remove_dir_all(&place)?;
     result
 }
 
-fn in_folder(samples: u64, place: &Path, cores: Place, receivers: u64) -> Result<()> {
+fn in_folder(plan: Plan, place: &Path) -> Result<()> {
+    let Plan { samples, cores, receivers, row } = plan;
     let _awake = cores.keep_awake(&std::env::current_exe()?)?;
     let mut all = Vec::new();
     for (way, name) in Way::ALL {
@@ -123,17 +140,19 @@ fn in_folder(samples: u64, place: &Path, cores: Place, receivers: u64) -> Result
             Err(error) => eprintln!("{name} is left out: {error:#}"),
         }
     }
-    let period_ns = SLOT_NS * all.len() as u64;
+    let slot_ns = SLOT_NS.max(GAP_NS * row);
+    let period_ns = slot_ns * all.len() as u64;
     let begin_ns = time_ns(ClockId::Monotonic) + HEAD_START_NS;
     for (ends, slot) in all.iter_mut().zip(0..) {
-        ends.begin(begin_ns + slot * SLOT_NS, period_ns, samples)?;
+        ends.begin(begin_ns + slot * slot_ns, period_ns, &plan)?;
     }
     let whom = if receivers == 1 {
         "a sleeping process".to_owned()
     } else {
         format!("the last of {receivers} sleeping processes")
     };
-    println!("{BYTES} bytes to {whom}, one way; every {} ms, in turn\n", period_ns as f64 * 1e-6);
+    let what = if row == 1 { "a sample".to_owned() } else { format!("{row} samples in a row") };
+    println!("{BYTES} bytes to {whom}, one way; {what} every {} ms, in turn\n", period_ns as f64 * 1e-6);
     println!("| way | samples | median (quartiles), µs | 99 %, µs | beside nims | processor of all ends, µs |");
     println!("|---|---|---|---|---|---|");
     let mut nims_us = f64::NAN;

@@ -55,8 +55,8 @@ pub fn receive(way: Way, place: &Path, number: &str) -> Result<()> {
     Ok(())
 }
 
-/// Sends marks until a text line with begin, period and number comes, then samples at these times, then the end. Prints
-/// the processor time to the standard error.
+/// Sends marks until a text line comes with the times of begin, period and gap and the numbers of samples in a row and
+/// in all, then samples at these times, then the end. Prints the processor time to the standard error.
 pub fn send(way: Way, place: &Path) -> Result<()> {
     let mut sender = way.sender(place)?;
     let (tell, told) = std::sync::mpsc::channel();
@@ -72,10 +72,10 @@ pub fn send(way: Way, place: &Path) -> Result<()> {
         }
     };
     let numbers = line.split_whitespace().map(str::parse).collect::<Result<Vec<u64>, _>>()?;
-    let [begin_ns, period_ns, samples] = numbers[..] else { anyhow::bail!("{line:?} is no schedule") };
+    let [begin_ns, period_ns, gap_ns, row, samples] = numbers[..] else { anyhow::bail!("{line:?} is no schedule") };
     let mut used_ns = 0;
     for number in 0..=samples {
-        bus::clock::sleep_until(begin_ns + number * period_ns);
+        bus::clock::sleep_until(begin_ns + number / row * period_ns + number % row * gap_ns);
         if number == 1 {
             used_ns = time_ns(ClockId::ProcessCPUTime);
         }
