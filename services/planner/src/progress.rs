@@ -1,7 +1,7 @@
 //! Progress of a mission, and the file that stores it.
 //!
-//! A separate thread writes the file atomically a few times a second while a mission is flown, so a stalled disk delays
-//! no motion. After a power cut the last moments of the mission are flown again.
+//! A separate thread writes the file atomically twice a second while a mission is flown, so a stalled disk delays no
+//! motion. After a power cut the last moments of the mission are flown again.
 
 use std::fs;
 use std::io;
@@ -16,8 +16,8 @@ use thiserror::Error;
 use crate::plan::Mark;
 use mission::Mission;
 
-/// Shortest time between two writes, ns: a tenth of a metre at 0.4 m/s.
-const PAUSE_NS: u64 = 250_000_000;
+/// Shortest time between two writes, ns: a fifth of a metre at 0.4 m/s, and as often as motor-io stores the position.
+const PAUSE_NS: u64 = 500_000_000;
 /// First text line of the file.
 const HEAD: &str = "# How far the last mission came, for nims run MISSION --continue; written by the planner.\n";
 
@@ -176,7 +176,7 @@ impl ProgressWriter {
         Ok(Self { sender: Some(sender), thread: Some(thread), kept: None, kept_ns: 0 })
     }
 
-    /// Queues changed progress, that of an incomplete mission at most four times a second. Never waits. `None` removes
+    /// Queues changed progress, that of an incomplete mission at most twice a second. Never waits. `None` removes
     /// what this writer has stored: a mission that never began to move is not left unfinished.
     pub fn store(&mut self, progress: Option<&Progress>, now_ns: u64) {
         if self.kept.as_ref() == progress {
