@@ -305,19 +305,23 @@ impl Domain {
     /// # Errors
     /// [`BusError::DomainFolder`] if the folder cannot be written.
     pub fn set_wall_clock(&self, clock: Option<WallClock>) -> Result<(), BusError> {
-        let (path, fresh) = (self.root.join(CLOCK_FILE), self.root.join(format!("{CLOCK_FILE}.new")));
-        let done = match clock {
-            Some(WallClock { unix_ns, mono_ns }) => {
-                fs::write(&fresh, format!("{unix_ns} {mono_ns}\n")).and_then(|()| fs::rename(&fresh, &path))
-            }
-            None => fs::remove_file(&path),
-        };
-        match done {
-            Err(error) if clock.is_some() || error.kind() != io::ErrorKind::NotFound => {
+        if let Some(WallClock { unix_ns, mono_ns }) = clock {
+            return self.put(CLOCK_FILE, &format!("{unix_ns} {mono_ns}"));
+        }
+        let path = self.root.join(CLOCK_FILE);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
                 Err(BusError::DomainFolder { path, why: error.into() })
             }
             _ => Ok(()),
         }
+    }
+
+    /// Writes one of [`OWN_FILES`] atomically: a reader gets the old line or the new one.
+    pub(crate) fn put(&self, file: &str, line: &str) -> Result<(), BusError> {
+        let (path, fresh) = (self.root.join(file), self.root.join(format!("{file}.new")));
+        let written = fs::write(&fresh, format!("{line}\n")).and_then(|()| fs::rename(&fresh, &path));
+        written.map_err(|error| BusError::DomainFolder { path, why: error.into() })
     }
 
     /// Tells the robot's processes the socket of its gateway, through which sensors without shared memory publish. With
@@ -326,9 +330,7 @@ impl Domain {
     /// # Errors
     /// [`BusError::DomainFolder`] if the folder cannot be written.
     pub fn set_gateway(&self, socket: &Path) -> Result<(), BusError> {
-        let (path, fresh) = (self.root.join(GATEWAY_FILE), self.root.join(format!("{GATEWAY_FILE}.new")));
-        let written = fs::write(&fresh, format!("{}\n", socket.display())).and_then(|()| fs::rename(&fresh, &path));
-        written.map_err(|error| BusError::DomainFolder { path, why: error.into() })
+        self.put(GATEWAY_FILE, &socket.display().to_string())
     }
 
     /// Returns the socket of the robot's gateway, if one has joined the robot and its socket still exists.

@@ -29,9 +29,7 @@ impl Domain {
     /// # Errors
     /// [`BusError::DomainFolder`] if the folder cannot be written.
     pub fn set_processes(&self, processes: usize) -> Result<(), BusError> {
-        let (path, fresh) = (self.root().join(PROCESSES_FILE), self.root().join(format!("{PROCESSES_FILE}.new")));
-        let written = fs::write(&fresh, format!("{processes}\n")).and_then(|()| fs::rename(&fresh, &path));
-        written.map_err(|error| BusError::DomainFolder { path, why: error.into() })
+        self.put(PROCESSES_FILE, &processes.to_string())
     }
 
     /// Returns for how many processes a process that joins now reserves places.
