@@ -12,15 +12,14 @@ use iceoryx2::node::Node;
 use iceoryx2::prelude::{AttributeSpecifier, MessagingPattern, SemanticString, Service, ServiceName, ipc};
 use iceoryx2::service::ServiceDetails;
 use iceoryx2::service::attribute::AttributeSet;
-use iceoryx2::service::builder::event::{EventCreateError, EventOpenError};
-use iceoryx2::service::port_factory::event;
+use iceoryx2::service::builder::event::Builder;
 use messages::schema::{is_same, without_comments};
 use messages::{CHANNELS, documented, hash_of};
 use std::borrow::Cow;
 use std::collections::HashMap;
 
-use crate::clock::{now_ns, sleep_until};
 use crate::error::PlaceKind;
+use crate::event::{self, Event};
 use crate::{BusError, Domain};
 
 /// Bytes of one attribute's value, and attributes of one service (constants of iceoryx2).
@@ -40,9 +39,6 @@ const CONTINUATION_BYTES: usize = ATTRIBUTES * ATTRIBUTE_BYTES;
 const CONTINUATIONS: usize = 15;
 /// Most bytes of text.
 const ROOM: usize = FIRST_BYTES + CONTINUATIONS * CONTINUATION_BYTES;
-
-/// An open continuation of a schema text.
-pub(crate) type SchemaContinuation = event::PortFactory<ipc::Service>;
 
 /// Returns the text that is stored for a type.
 pub(crate) fn stored<'a>(type_name: &str, text: &'a str) -> Cow<'a, str> {
@@ -83,7 +79,7 @@ pub(crate) fn continuations(
     text: &str,
     processes: usize,
     give_up: u64,
-) -> Result<Vec<SchemaContinuation>, BusError> {
+) -> Result<Vec<Event>, BusError> {
     let rest = text.get(FIRST_BYTES..).unwrap_or_default();
     (1..)
         .zip(chunks(rest, CONTINUATION_BYTES))
@@ -107,34 +103,18 @@ fn continuation(
     part: &str,
     processes: usize,
     give_up: u64,
-) -> Result<SchemaContinuation, BusError> {
+) -> Result<Event, BusError> {
     let service = ServiceName::new(name).map_err(|error| BusError::failed(name, "be named", &error))?;
     let specifier = parts(AttributeSpecifier::new(), part);
     let specifier = specifier.ok_or_else(|| BusError::failed(name, "be written", &"iceoryx2 rejects a part of it"))?;
     let builder = || node.service_builder(&service).event();
-    let sized = || builder().max_notifiers(1).max_listeners(1).max_nodes(processes);
-    loop {
-        // Opened with as many places as it has: a process that joined with another number may have created it.
-        let error = match builder().open() {
-            Ok(continuation) => return Ok(continuation),
-            Err(EventOpenError::DoesNotExist) => match sized().create_with_attributes(&specifier) {
-                Ok(continuation) => return Ok(continuation),
-                Err(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance) => None,
-                Err(error) => Some(format!("{error:?}")),
-            },
-            Err(EventOpenError::ExceedsMaxNumberOfNodes) => {
-                let (channel, what) = (name.to_owned(), PlaceKind::RobotProcesses);
-                let limit = details(domain, name).map_or(processes, |found| found.static_details.event().max_nodes());
-                return Err(BusError::Full { channel, limit, what, holders: String::new() });
-            }
-            Err(error) => Some(format!("{error:?}")),
-        };
-        if now_ns() > give_up {
-            return Err(BusError::unfinished(name, "be created", error));
-        }
-        domain.remove_half_made();
-        sleep_until(now_ns() + 2_000_000);
-    }
+    let sized = |event: Builder<ipc::Service>| event.max_notifiers(1).max_listeners(1).max_nodes(processes);
+    let create = |event| sized(event).create_with_attributes(&specifier);
+    event::open_or_create(domain, name, builder, create, give_up)?.ok_or_else(|| {
+        let (channel, what) = (name.to_owned(), PlaceKind::RobotProcesses);
+        let limit = details(domain, name).map_or(processes, |found| found.static_details.event().max_nodes());
+        BusError::Full { channel, limit, what, holders: String::new() }
+    })
 }
 
 /// Reads the schema text and its hash from a channel; the text only if it matches the hash. That of a type of this
@@ -164,7 +144,7 @@ fn details(domain: &Domain, event: &str) -> Option<ServiceDetails<ipc::Service>>
 
 /// Opens the continuations of the text that another process has stored with a channel, if it is another text of the
 /// same type: they end with the last process that holds them.
-pub(crate) fn hold_others(node: &Node<ipc::Service>, own: &str, attributes: &AttributeSet) -> Vec<SchemaContinuation> {
+pub(crate) fn hold_others(node: &Node<ipc::Service>, own: &str, attributes: &AttributeSet) -> Vec<Event> {
     let Some(stated) = value(attributes, HASH).filter(|stated| *stated != hash(own)) else { return Vec::new() };
     let open = |number| {
         let service = ServiceName::new(&continuation_name(&stated, number)).ok()?;

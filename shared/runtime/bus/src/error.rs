@@ -309,13 +309,14 @@ impl BusError {
         Self::Failed { channel: channel.to_owned(), what, why: format!("iceoryx2 says {error:?}") }
     }
 
-    /// A refusal by iceoryx2 that lasts longer than this process waits; `None`: another process has not made it yet.
-    pub(crate) fn unfinished(channel: &str, what: &'static str, error: Option<String>) -> Self {
+    /// A refusal by iceoryx2 of an event that lasts longer than this process waits; `None`: another process has not made
+    /// it yet.
+    pub(crate) fn unfinished(channel: &str, error: Option<String>) -> Self {
         let why = error.map_or_else(
             || "another process has begun to make it and does not finish".to_owned(),
             |error| format!("iceoryx2 says {error}"),
         );
-        Self::Failed { channel: channel.to_owned(), what, why }
+        Self::Failed { channel: channel.to_owned(), what: "open its event", why }
     }
 
     /// Returns whether the caller's input is wrong (a program then exits with 2).
@@ -331,9 +332,7 @@ mod tests {
 
     #[test]
     fn the_error_of_an_unfinished_event_says_why() {
-        let said = |error: Option<&str>| {
-            BusError::unfinished("system/channels", "open its event", error.map(str::to_owned)).to_string()
-        };
+        let said = |error: Option<&str>| BusError::unfinished("system/channels", error.map(str::to_owned)).to_string();
         assert!(said(Some("HangsInCreation")).ends_with("iceoryx2 says HangsInCreation"));
         assert!(!said(None).contains("None") && said(None).contains("another process"), "{}", said(None));
     }

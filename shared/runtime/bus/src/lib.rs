@@ -42,6 +42,7 @@ mod definition;
 mod domain;
 mod error;
 pub mod estop;
+mod event;
 pub mod fair;
 mod former_places;
 mod limits;

@@ -14,16 +14,17 @@ use iceoryx2::prelude::{
 };
 use iceoryx2::service::ServiceDetails;
 use iceoryx2::service::attribute::AttributeSet;
-use iceoryx2::service::builder::event::{EventCreateError, EventOpenError};
+use iceoryx2::service::builder::event::Builder as EventBuilder;
 use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeCreateError, PublishSubscribeOpenError};
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::port_factory::publish_subscribe;
 use messages::ros::Payload;
 use messages::{Quality, quality_for};
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
-use crate::definition::{self, SchemaContinuation};
+use crate::definition;
 use crate::domain::{NodeInfo, info_of};
 use crate::error::{PlaceKind, THIS_PROCESS};
+use crate::event::{self, Event};
 use crate::limits::raise_descriptor_limit;
 use crate::places::{Participant, Refused, collect_listed};
 use crate::shm_sample::ShmSample;
@@ -88,7 +89,7 @@ pub struct Bus {
     /// Announces new channels; the error if all places are taken, which stays so.
     announcer: OnceCell<Result<Notifier<ipc::Service>, BusError>>,
     /// Continuations of long schema texts by type name, open as long as this value exists.
-    continuations: RefCell<HashMap<String, Vec<SchemaContinuation>>>,
+    continuations: RefCell<HashMap<String, Vec<Event>>>,
 }
 
 impl Bus {
@@ -263,7 +264,7 @@ impl Bus {
     }
 
     /// Creates or opens the continuations of a schema text, after a clean-up if all places are taken.
-    fn hold_text(&self, text: &str) -> Result<Vec<SchemaContinuation>, BusError> {
+    fn hold_text(&self, text: &str) -> Result<Vec<Event>, BusError> {
         let held = || definition::continuations(&self.node, &self.domain, text, self.processes, self.give_up_ns());
         match held() {
             Err(BusError::Full { .. }) => self.after_cleaning(held),
@@ -315,49 +316,27 @@ impl Bus {
         if holders.is_empty() { "a process that has died".to_owned() } else { holders.join(", ") }
     }
 
-    /// Opens the event of a channel with as many places as it has, or creates it: a process that joined with another
-    /// number of places may have created it.
-    pub(crate) fn open_event(&self, channel: &str) -> Result<event::PortFactory<ipc::Service>, BusError> {
+    /// Opens or creates the event of a channel, after a clean-up if all places are taken.
+    pub(crate) fn open_event(&self, channel: &str) -> Result<Event, BusError> {
         let name = service_name(channel)?;
         self.need(0, channel)?;
         let give_up = self.give_up_ns();
         let places = if channel == CHANNELS_EVENT { self.processes } else { EVENT_PORTS };
         let builder = || self.node.service_builder(&name).event();
-        let sized = || {
-            builder()
-                .event_id_max_value(MOST_EVENT_ID)
-                .max_notifiers(places)
-                .max_listeners(EVENT_PORTS)
-                .max_nodes(places)
+        let sized = |event: EventBuilder<ipc::Service>| {
+            event.event_id_max_value(MOST_EVENT_ID).max_notifiers(places).max_listeners(EVENT_PORTS).max_nodes(places)
         };
-        let mut cleaned = false;
-        loop {
-            let error = match builder().open() {
-                Ok(service) => return Ok(service),
-                Err(EventOpenError::DoesNotExist) => match sized().create() {
-                    Ok(service) => return Ok(service),
-                    Err(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance) => None,
-                    Err(error) => return Err(BusError::failed(channel, "make its event", &error)),
-                },
-                Err(EventOpenError::ExceedsMaxNumberOfNodes) if !cleaned => {
-                    self.clean();
-                    cleaned = true;
-                    continue;
-                }
-                Err(EventOpenError::ExceedsMaxNumberOfNodes) => {
-                    let found = self.details(channel, MessagingPattern::Event);
-                    let limit = found.map_or(places, |found| found.static_details.event().max_nodes());
-                    let what = of_robot(channel, PlaceKind::Processes);
-                    return Err(self.full(channel, MessagingPattern::Event, limit, what));
-                }
-                Err(error) => Some(format!("{error:?}")),
-            };
-            if now_ns() > give_up {
-                return Err(BusError::unfinished(channel, "open its event", error));
-            }
-            self.domain.remove_half_made();
-            sleep_until(now_ns() + 2_000_000);
+        let opened = || event::open_or_create(&self.domain, channel, builder, |event| sized(event).create(), give_up);
+        if let Some(service) = opened()? {
+            return Ok(service);
         }
+        self.clean();
+        if let Some(service) = opened()? {
+            return Ok(service);
+        }
+        let found = self.details(channel, MessagingPattern::Event);
+        let limit = found.map_or(places, |found| found.static_details.event().max_nodes());
+        Err(self.full(channel, MessagingPattern::Event, limit, of_robot(channel, PlaceKind::Processes)))
     }
 
     pub(crate) fn notifier(&self, channel: &str) -> Result<Notifier<ipc::Service>, BusError> {
