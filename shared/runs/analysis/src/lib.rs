@@ -10,6 +10,7 @@ pub mod accuracy_plot;
 mod colours;
 mod command_line;
 pub mod counters;
+mod drive_units;
 pub mod export;
 pub mod identify;
 pub mod incidents;

@@ -10,6 +10,7 @@ use messages::{CABLES, MotorAuthority, MotorInput, MotorState, NodeEstimate};
 use runlog::{Attachment, RecordedSample, RunReader};
 
 use super::stretch::{Row, Stretches};
+use crate::drive_units::drive_units;
 use crate::report;
 
 /// Cycles whose samples are awaited: those of one cycle are within milliseconds of each other in the file, in no
@@ -109,22 +110,12 @@ impl Awaited {
 /// The drive unit of each cable by the run's system file, counted as motor-io does; `None`: unknown.
 fn unit_of_cable(run: &Path, inside: &[Attachment]) -> [Option<usize>; CABLES] {
     let mut unit_of_cable = [None; CABLES];
-    for (unit, cables) in cables_of_units(run, inside).unwrap_or_default().into_iter().enumerate() {
-        for cable in cables {
+    for (unit, its) in drive_units(run, inside).into_iter().enumerate() {
+        for cable in its.cables {
             if let Some(of_cable) = cable.checked_sub(1).and_then(|cable| unit_of_cable.get_mut(cable)) {
                 *of_cable = Some(unit);
             }
         }
     }
     unit_of_cable
-}
-
-/// Numbers of the cables on each unit, from 1.
-fn cables_of_units(run: &Path, inside: &[Attachment]) -> Option<Vec<Vec<usize>>> {
-    // Not as a whole: a run of another version may have keys that this one does not know.
-    let system: toml::Table = runlog::system_file_text(run, inside)?.parse().ok()?;
-    let ports = system.get("motor_io")?.get("ports")?.as_array()?;
-    let units = ports.iter().map(|port| port.get("units")?.as_array()).collect::<Option<Vec<_>>>()?;
-    let cables = |unit: &toml::Value| unit.get("cables")?.clone().try_into().ok();
-    units.into_iter().flatten().map(cables).collect()
 }

@@ -6,6 +6,7 @@
 mod part;
 mod reaction;
 
+use crate::drive_units::{DriveUnit, drive_units};
 use crate::run_time::RunTime;
 use crate::tracker::{Cycle, Tracker};
 use command::{Answer, Failure};
@@ -14,7 +15,7 @@ use messages::{
     CONTROLLERS, ESTIMATORS, MotorAuthority, MotorState, OperatorRequest, ProcessState, RequestBody, SLOT_NAMES,
     text_of,
 };
-use part::{Part, UnitPlace};
+use part::Part;
 use reaction::{Aftermath, Timeline, during};
 use robot_state::sentences::{FAULTS, ROLE_NAMES, named, verdict_sentence};
 use runlog::{Attachment, RunReader};
@@ -115,7 +116,7 @@ pub struct Incidents {
     /// State and restarts of each process.
     states: BTreeMap<String, (u8, u32)>,
     /// Drive units in the order in which faults number them; empty if unknown.
-    units: Vec<UnitPlace>,
+    units: Vec<DriveUnit>,
     last: Option<MotorAuthority>,
     /// A fault began while cables moved, and they did not stand since.
     moves: bool,
@@ -124,7 +125,7 @@ pub struct Incidents {
 impl Incidents {
     /// Reads from the system file of a run which drive unit is which.
     pub fn name_units(&mut self, run: &Path, inside: &[Attachment]) {
-        self.units = part::units_of(run, inside);
+        self.units = drive_units(run, inside);
     }
 
     /// Records a control cycle.

@@ -1,9 +1,8 @@
 //! Which cable or drive units a fault of the virtual motor box names, and whether faults of the robot name them.
 
+use crate::drive_units::DriveUnit;
 use messages::MotorAuthority;
 use messages::faults::{Faults, OF_CABLES, OF_UNITS};
-use runlog::{Attachment, system_file_text};
-use std::path::Path;
 
 /// Kinds of faults with a cable as their first argument. This crate cannot see those of the motor box, which a test in
 /// `tests/` compares with these.
@@ -23,9 +22,6 @@ pub(super) enum Part {
     Unit { port: usize, address: u8 },
     AllUnits,
 }
-
-/// A drive unit of the system file: number of its port, from 1, and its address.
-pub(super) type UnitPlace = (usize, u8);
 
 impl Part {
     /// Reads the text of a request; `None` if it is no fault of the virtual motor box.
@@ -52,7 +48,7 @@ impl Part {
 
     /// Returns whether faults name it. Without `units`, those of the system file in its order, it is unknown which unit
     /// a fault names, so it may be any.
-    pub(super) fn is_in(self, group: &[&MotorAuthority], units: &[UnitPlace]) -> bool {
+    pub(super) fn is_in(self, group: &[&MotorAuthority], units: &[DriveUnit]) -> bool {
         let (mut cables, mut failed_units) = (Vec::new(), Vec::new());
         for authority in group {
             let faults = Faults::from_authority(authority);
@@ -66,31 +62,16 @@ impl Part {
         match self {
             Self::Cable(number) => cables.contains(&number.wrapping_sub(1)),
             Self::Port(_) | Self::Unit { .. } => {
-                failed_units.iter().any(|unit| units.get(*unit).is_none_or(|place| self.has(*place)))
+                failed_units.iter().any(|unit| units.get(*unit).is_none_or(|unit| self.has(unit)))
             }
             Self::AllUnits => !failed_units.is_empty(),
         }
     }
 
     /// Returns whether it is this unit, or its port.
-    fn has(self, (port, address): UnitPlace) -> bool {
-        self == Self::Port(port) || self == Self::Unit { port, address }
+    fn has(self, unit: &DriveUnit) -> bool {
+        self == Self::Port(unit.port) || self == Self::Unit { port: unit.port, address: unit.address }
     }
-}
-
-/// Returns the drive units in the system file of a run, in its order, in which faults number them; none without one.
-pub(super) fn units_of(run: &Path, inside: &[Attachment]) -> Vec<UnitPlace> {
-    let text = system_file_text(run, inside).unwrap_or_default();
-    let system: toml::Table = text.parse().unwrap_or_default();
-    let list = |value: Option<&toml::Value>| value.and_then(toml::Value::as_array).cloned().unwrap_or_default();
-    let ports = list(system.get("motor_io").and_then(|section| section.get("ports")));
-    let address = |unit: &toml::Value| u8::try_from(unit.get("address")?.as_integer()?).ok();
-    let units = (1..).zip(&ports).flat_map(|(number, port)| {
-        let units = list(port.get("units"));
-        units.iter().map(|unit| Some((number, address(unit)?))).collect::<Vec<Option<UnitPlace>>>()
-    });
-    // Behind a unit without an address no number is known.
-    units.map_while(|unit| unit).collect()
 }
 
 #[cfg(test)]
@@ -114,14 +95,9 @@ mod tests {
     }
 
     #[test]
-    fn units_count_through_the_ports_of_the_system_file() {
-        let folder = tempfile::tempdir().unwrap();
-        assert_eq!(units_of(folder.path(), &[]), []);
-        let text = "[[motor_io.ports]]\nunits = [{ address = 0x80, cables = [1] }, { address = 0x81, cables = [2] }]\n\
-                    [[motor_io.ports]]\nunits = [{ address = 0x80, cables = [3] }]\n";
-        std::fs::write(folder.path().join(runlog::SYSTEM_FILE), text).unwrap();
-        let units = units_of(folder.path(), &[]);
-        assert_eq!(units, [(1, 0x80), (1, 0x81), (2, 0x80)]);
+    fn a_unit_is_found_by_its_port_and_address() {
+        let units = [(1, 0x80), (1, 0x81), (2, 0x80)];
+        let units = units.map(|(port, address)| DriveUnit { port, address, cables: Vec::new() });
         let mut authority = MotorAuthority { faults: MotorAuthority::FAULT_LOST_UNIT, ..Default::default() };
         authority.fault_unit[2] = 1;
         let parts = ["mute 1 128", "mute 2 128", "silence 1", "silence 2"].map(|text| Part::of_request(text).unwrap());

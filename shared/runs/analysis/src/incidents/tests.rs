@@ -210,7 +210,9 @@ fn a_request_for_another_process_is_no_cause_and_an_emergency_stop_is_said_with_
 
 /// The causes of faults at 1 s, after requests at 0.5 and 0.9 s.
 fn causes(requests: &[&str], change: fn(&mut MotorAuthority)) -> Vec<String> {
-    let mut incidents = Incidents { units: vec![(1, 128), (1, 129), (2, 128)], ..Incidents::default() };
+    let units = [(1, 128), (1, 129), (2, 128)];
+    let units = units.map(|(port, address)| DriveUnit { port, address, cables: Vec::new() }).to_vec();
+    let mut incidents = Incidents { units, ..Incidents::default() };
     fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);
     for (text, time_s) in requests.iter().zip([0.5, 0.9]) {
         asks(&mut incidents, time_s, RequestBody::VERB_FAULT, text);
