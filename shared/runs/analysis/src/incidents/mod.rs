@@ -15,7 +15,7 @@ use messages::{
     CONTROLLERS, ESTIMATORS, MotorAuthority, MotorState, OperatorRequest, ProcessState, RequestBody, SLOT_NAMES,
     text_of,
 };
-use part::Part;
+use part::{Failed, Part};
 use reaction::{Aftermath, Timeline, during};
 use robot_state::sentences::{FAULTS, ROLE_NAMES, named, verdict_sentence};
 use runlog::{Attachment, RunReader};
@@ -267,27 +267,26 @@ impl Incidents {
         // The answer is recorded shortly after its effect.
         let after_s = if is_estop { TOGETHER_S } else { ANSWERED_S };
         let recent = first_s - ASKED_BEFORE_S..=first_s + after_s;
+        let failed = Failed::of(group.iter().map(|fact| &fact.authority));
         let mut asked: Vec<&RequestFact> = self.requests.iter().rev().filter(|it| it.is_estop == is_estop).collect();
-        asked.retain(|asked| recent.contains(&asked.time_s) && self.may_cause(asked, group));
-        let authorities: Vec<&MotorAuthority> = group.iter().map(|fact| &fact.authority).collect();
+        asked.retain(|asked| recent.contains(&asked.time_s) && self.may_cause(asked, group, &failed));
         let named = asked.iter().find(|asked| {
-            let of_process = asked.of_process.as_ref().is_some_and(|name| self.is_process_of(name, group));
-            of_process || asked.of_part.is_some_and(|part| part.is_in(&authorities, &self.units))
+            let of_process = asked.of_process.as_ref().is_some_and(|name| self.is_process_of(name, group, &failed));
+            of_process || asked.of_part.is_some_and(|part| part.is_in(&failed, &self.units))
         });
         named.or(asked.first()).copied()
     }
 
     /// Returns whether a request may be the cause of faults: that to end or suspend a process, only of what that
     /// process does. A suspended motor-io is late in everything.
-    fn may_cause(&self, asked: &RequestFact, group: &[&FaultFact]) -> bool {
+    fn may_cause(&self, asked: &RequestFact, group: &[&FaultFact], failed: &Failed) -> bool {
         let Some(name) = &asked.of_process else { return true };
-        self.role_of(name) == "motor-io" || self.is_process_of(name, group)
+        self.role_of(name) == "motor-io" || self.is_process_of(name, group, failed)
     }
 
     /// Returns whether faults name a process, or follow where one of its role fails.
-    fn is_process_of(&self, name: &str, group: &[&FaultFact]) -> bool {
-        let role = self.role_of(name);
-        let bits = group.iter().fold(0, |bits, fact| bits | fact.authority.faults);
+    fn is_process_of(&self, name: &str, group: &[&FaultFact], failed: &Failed) -> bool {
+        let (role, bits) = (self.role_of(name), failed.bits);
         let of_role = FAULTS.iter().any(|fault| bits & fault.bit != 0 && roles_of(fault.bit).contains(&role));
         let of_box = role == "motor-box" && bits & OF_UNITS != 0;
         let of_supervisor = role == "supervisor" && bits & MotorAuthority::FAULT_SUPERVISOR_LOST != 0;

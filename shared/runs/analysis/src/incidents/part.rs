@@ -23,6 +23,33 @@ pub(super) enum Part {
     AllUnits,
 }
 
+/// What the faults of an incident name.
+#[derive(Debug, Default)]
+pub(super) struct Failed {
+    pub(super) bits: u32,
+    /// Numbers of cables and of drive units, from 0.
+    cables: Vec<usize>,
+    units: Vec<usize>,
+}
+
+impl Failed {
+    /// Reads the new faults of some cycles.
+    pub(super) fn of<'a>(group: impl Iterator<Item = &'a MotorAuthority>) -> Self {
+        let mut failed = Self::default();
+        for authority in group {
+            let faults = Faults::from_authority(authority);
+            let marked = |bits: u32, marks: &[bool]| -> Vec<usize> {
+                let marks = marks.iter().enumerate().filter(|(_, mark)| **mark && faults.bits & bits != 0);
+                marks.map(|(at, _)| at).collect()
+            };
+            failed.bits |= faults.bits;
+            failed.cables.extend(marked(OF_CABLES, &faults.cables));
+            failed.units.extend(marked(OF_UNITS, &faults.units));
+        }
+        failed
+    }
+}
+
 impl Part {
     /// Reads the text of a request; `None` if it is no fault of the virtual motor box.
     pub(super) fn of_request(text: &str) -> Option<Self> {
@@ -48,23 +75,13 @@ impl Part {
 
     /// Returns whether faults name it. Without `units`, those of the system file in its order, it is unknown which unit
     /// a fault names, so it may be any.
-    pub(super) fn is_in(self, group: &[&MotorAuthority], units: &[DriveUnit]) -> bool {
-        let (mut cables, mut failed_units) = (Vec::new(), Vec::new());
-        for authority in group {
-            let faults = Faults::from_authority(authority);
-            let marked = |bits: u32, marks: &[bool]| -> Vec<usize> {
-                let marks = marks.iter().enumerate().filter(|(_, mark)| **mark && faults.bits & bits != 0);
-                marks.map(|(at, _)| at).collect()
-            };
-            cables.extend(marked(OF_CABLES, &faults.cables));
-            failed_units.extend(marked(OF_UNITS, &faults.units));
-        }
+    pub(super) fn is_in(self, failed: &Failed, units: &[DriveUnit]) -> bool {
         match self {
-            Self::Cable(number) => cables.contains(&number.wrapping_sub(1)),
+            Self::Cable(number) => failed.cables.contains(&number.wrapping_sub(1)),
             Self::Port(_) | Self::Unit { .. } => {
-                failed_units.iter().any(|unit| units.get(*unit).is_none_or(|unit| self.has(unit)))
+                failed.units.iter().any(|unit| units.get(*unit).is_none_or(|unit| self.has(unit)))
             }
-            Self::AllUnits => !failed_units.is_empty(),
+            Self::AllUnits => !failed.units.is_empty(),
         }
     }
 
@@ -101,7 +118,8 @@ mod tests {
         let mut authority = MotorAuthority { faults: MotorAuthority::FAULT_LOST_UNIT, ..Default::default() };
         authority.fault_unit[2] = 1;
         let parts = ["mute 1 128", "mute 2 128", "silence 1", "silence 2"].map(|text| Part::of_request(text).unwrap());
-        assert_eq!(parts.map(|part| part.is_in(&[&authority], &units)), [false, true, false, true]);
-        assert_eq!(parts.map(|part| part.is_in(&[&authority], &[])), [true; 4], "which unit it is, is unknown");
+        let failed = Failed::of([authority].iter());
+        assert_eq!(parts.map(|part| part.is_in(&failed, &units)), [false, true, false, true]);
+        assert_eq!(parts.map(|part| part.is_in(&failed, &[])), [true; 4], "which unit it is, is unknown");
     }
 }
