@@ -1,6 +1,7 @@
 //! Writes into the run folder while the robot runs, on its own thread: a disk can block its writer for seconds.
 
-use super::copies::{SharedCopies, replace};
+use super::copies::SharedCopies;
+use config::file::replace;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};

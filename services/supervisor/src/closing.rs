@@ -1,6 +1,6 @@
 //! The end of a run: stops the robot, ends the processes in order, and completes the run files.
 
-use super::copies::{MANIFEST, replace};
+use super::copies::MANIFEST;
 use super::managed_process::{ManagedProcess, ending};
 use super::unfinished_runs::parts;
 use super::{RunOutcome, Supervisor, stale_processes};
@@ -8,6 +8,7 @@ use bus::BusError;
 use bus::clock::{self, WallClock};
 use client::RUNNING_FILE;
 use config::Role;
+use config::file::replace;
 use messages::{Heartbeat, MotorAuthority, OperatorRequest, Request, put_text};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -186,7 +187,7 @@ impl Supervisor {
         let ((path, text), copies) = (self.folder.manifest(), self.folder.copies().clone());
         let work = move || {
             let _alone = copies.alone();
-            replace(&path, text.as_bytes())
+            replace(&path, text)
         };
         let pending = self.file_work.begin(MANIFEST, work, drop);
         pending.is_ok_and(|pending| matches!(pending.wait(DISK), Ok(Some(_))))

@@ -3,6 +3,7 @@
 //! An edit of the originals takes effect in the next run. The supervisor holds the content and restores edited copies.
 
 use command::{Answer, Failure};
+use config::file::replace;
 use config::{MOTOR_BOX, RESOLVED};
 use runlog::SYSTEM_FILE;
 use std::collections::BTreeMap;
@@ -155,16 +156,6 @@ impl Restored {
             Err((path, error)) => Some(format!("{} cannot be written: {error}", path.display())),
         }
     }
-}
-
-/// Writes a file atomically: a reader gets the old content or the new one.
-///
-/// # Errors
-/// Its folder cannot be written.
-pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut fresh = path.as_os_str().to_owned();
-    fresh.push(".new");
-    fs::write(&fresh, bytes).and_then(|()| fs::rename(&fresh, path))
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! The folder of a run: run files, the configuration in use, diagnostics, and a manifest.
 
-use super::copies::{Copies, MANIFEST, SharedCopies, replace};
+use super::copies::{Copies, MANIFEST, SharedCopies};
 use command::{Answer, Failure};
+use config::file::replace;
 use config::{MOTOR_BOX, MotorBoxTable, RESOLVED, SystemFile};
 use runtime::build;
 use serde_json::{Value, json};
@@ -144,8 +145,7 @@ impl RunFolder {
 
     fn write(&self) -> Answer {
         let (path, text) = self.manifest();
-        replace(&path, text.as_bytes())
-            .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
+        replace(&path, text).map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
     }
 }
 

@@ -120,7 +120,7 @@ fn regular(kind: FileType) -> Result<(), ReadError> {
 ///
 /// # Errors
 /// An error of the operating system; the file then keeps its old content.
-pub fn replace(path: &Path, text: &str) -> io::Result<()> {
+pub fn replace(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     let mut beside = path.as_os_str().to_owned();
     beside.push(".new");
     let beside = PathBuf::from(beside);
@@ -131,7 +131,7 @@ pub fn replace(path: &Path, text: &str) -> io::Result<()> {
             _ => Err(error),
         })?;
         let mut fresh = File::create_new(&beside)?;
-        fresh.write_all(text.as_bytes())?;
+        fresh.write_all(content.as_ref())?;
         fresh.sync_all()?;
         fs::rename(&beside, path)
     };
