@@ -78,7 +78,7 @@ fn doctor_by(
     supervisor: Option<u32>,
     longest: Duration,
 ) -> Result<Vec<FindingRow>, Box<Reason>> {
-    let mut found = tempfile::tempfile().map_err(|error| refused(&error))?;
+    let mut found = command::temporary_file().map_err(|error| refused(&error))?;
     let mut command = aside(nims);
     command.arg("doctor").arg(system).arg("--limits-of").arg(supervisor.unwrap_or(0).to_string());
     command.stdout(found.try_clone().map_err(|error| refused(&error))?);
@@ -151,7 +151,7 @@ pub(crate) fn aside(nims: &Path) -> Command {
 /// Waits for the end of a program, and returns how it ended with the last that it printed about it; none if it takes
 /// longer. What it prints goes to a file: a pipe that is read only after the end stops a program that fills it.
 pub(crate) fn ended(command: &mut Command, longest: Duration) -> Result<Option<(ExitStatus, String)>, Box<Reason>> {
-    let mut sentence = tempfile::tempfile().map_err(|error| refused(&error))?;
+    let mut sentence = command::temporary_file().map_err(|error| refused(&error))?;
     let writes = sentence.try_clone().map_err(|error| refused(&error))?;
     let mut child = command.stderr(writes).spawn().map_err(|error| refused(&error))?;
     let begun = Instant::now();

@@ -142,7 +142,7 @@ fn checked_and_replaced(
 
 /// Runs `nims check` for the system with this robot file; its first error is the reason.
 fn check(nims: &Path, system: &Path, candidate: &Path, present: &Path) -> Result<(), Box<Reason>> {
-    let mut found = tempfile::tempfile().map_err(|error| refused(&error))?;
+    let mut found = command::temporary_file().map_err(|error| refused(&error))?;
     let mut command = aside(nims);
     command.arg("check").arg(system).arg("--robot").arg(candidate);
     command.stdout(found.try_clone().map_err(|error| refused(&error))?);

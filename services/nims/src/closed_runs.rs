@@ -4,7 +4,7 @@
 use crate::fetch::show_progress;
 use analysis::{Command, report};
 use client::{Gateway, Place};
-use command::{Answer, Failure, Output};
+use command::{Answer, Output};
 use rustix::fs::{Access, access};
 use rustix::io::Errno;
 use std::path::{Path, PathBuf};
@@ -53,8 +53,7 @@ impl Copies {
         if !closed.iter().all(|run| known.iter().any(|name| *name == name_of(run))) {
             return Ok(None);
         }
-        // A run may be larger than a /tmp in memory.
-        let folder = tempfile::tempdir_in("/var/tmp").or_else(|_| tempfile::tempdir()).map_err(Failure::not_now)?;
+        let folder = command::large_temporary_folder()?;
         let mut paths = Vec::new();
         for run in runs {
             if is_closed(run) {

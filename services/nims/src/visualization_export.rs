@@ -74,7 +74,7 @@ impl Film {
     /// Creates the file. `known` is a stamp with its UNIX time, for run files from other programs, which do not store
     /// the clock.
     fn begin(run: &Path, out: &Path, reader: &RunReader, known: Option<(u64, u64)>) -> Answer<Self> {
-        let Some(robot) = robot_of(run, reader.attachments()) else {
+        let Some(robot) = robot_of(run, reader.attachments())? else {
             return Err(Failure::NotNow(format!(
                 "{} holds no robot.toml that this program accepts, so the anchor positions are unknown",
                 run.display()

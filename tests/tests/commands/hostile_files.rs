@@ -131,6 +131,23 @@ fn what_is_no_run_is_bad_input() {
     refused(&["info", folder.path().to_str().unwrap()], &["run.mcap"]);
 }
 
+/// A run without its folder is unpacked, and a table of flights alone has no folder.
+#[test]
+fn a_missing_folder_for_temporary_files_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run.mcap");
+    fs::copy(root().join("tests/golden/run.mcap"), &run).unwrap();
+    let (nims, run) =
+        (std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims"), run.to_str().unwrap());
+    for args in [["replay", run], ["report", run], ["sim", "configs/systems/aq4.toml"]] {
+        let asked = Command::new(&nims).args(args).current_dir(root()).env("TMPDIR", "/nonexistent").output().unwrap();
+        let said = String::from_utf8_lossy(&asked.stderr);
+        assert_eq!(asked.status.code(), Some(1), "{args:?}: {said}");
+        assert_eq!(said.trim_end().lines().count(), 1, "{args:?}: {said}");
+        assert!(["temporary", "/nonexistent ", "TMPDIR"].iter().all(|word| said.contains(word)), "{args:?}: {said}");
+    }
+}
+
 #[test]
 fn anchors_in_a_row_are_refused_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();

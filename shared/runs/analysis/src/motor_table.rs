@@ -57,7 +57,7 @@ pub fn samples(run: &Path, cable: Option<u8>) -> Answer<Vec<Sample>> {
     let mut reader = runlog::RunReader::open(run).map_err(Failure::bad)?;
     // The attachments precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
-    let robot = report::robot_of(run, reader.attachments());
+    let robot = report::robot_of(run, reader.attachments())?;
     let mut reader = runlog::RunReader::open(run).map_err(Failure::bad)?;
     let drum = |cable| robot.as_ref().map_or_else(Drum::default, |robot| robot.drum(cable));
     let mut tracker = Tracker::default();

@@ -51,7 +51,7 @@ impl Configuration {
     /// # Errors
     /// The run has no configuration, it cannot be used, or a change cannot be applied.
     pub(super) fn from_attachments(attachments: &[Attachment], changes: &Changes) -> Answer<Self> {
-        let folder = Arc::new(tempfile::tempdir().map_err(Failure::not_now)?);
+        let folder = Arc::new(command::temporary_folder()?);
         // The name of an attachment must not lead out of the folder.
         for (attachment, name) in attachments.iter().filter_map(|one| Some((one, Path::new(&one.name).file_name()?))) {
             let name = if name.to_str().is_some_and(is_system_file) { Path::new(SYSTEM_FILE) } else { Path::new(name) };

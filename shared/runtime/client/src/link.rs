@@ -193,7 +193,7 @@ impl RobotLink {
 /// # Errors
 /// The folder cannot be written.
 pub fn unpack(files: &[FileRow], body: &[u8]) -> Answer<tempfile::TempDir> {
-    let folder = tempfile::tempdir().map_err(Failure::not_now)?;
+    let folder = command::temporary_folder()?;
     let mut rest = body;
     for file in files {
         let split = usize::try_from(file.bytes).ok().and_then(|bytes| rest.split_at_checked(bytes));

@@ -17,6 +17,7 @@ mod parallel;
 pub mod points;
 mod program;
 mod signals;
+mod temporary;
 pub mod values;
 
 pub use failure::{Answer, Failure};
@@ -25,3 +26,4 @@ pub use output::{Output, print_line};
 pub use parallel::{parallel, processors};
 pub use program::{main, tool};
 pub use signals::{SIGNAL, StopFlag, stop_flag};
+pub use temporary::{large_temporary_folder, temporary_file, temporary_folder};

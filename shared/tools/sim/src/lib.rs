@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Answer<Output> {
     let (_temporary, folder) = match &args.out {
         Some(out) => (None, out.clone()),
         None => {
-            let folder = tempfile::tempdir().map_err(Failure::not_now)?;
+            let folder = command::temporary_folder()?;
             let path = folder.path().to_path_buf();
             (Some(folder), path)
         }

@@ -33,7 +33,7 @@ pub(crate) fn read(run: &Path) -> Answer<Recorded> {
     let mut reader = RunReader::open(run).map_err(Failure::bad)?;
     // The attachments precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
-    let robot = report::load_robot_file(run, reader.attachments());
+    let robot = report::load_robot_file(run, reader.attachments())?;
     let mut stretches = Stretches::new(unit_of_cable(run, reader.attachments()));
     let mut reader = RunReader::open(run).map_err(Failure::bad)?;
     let mut awaited = Awaited::default();

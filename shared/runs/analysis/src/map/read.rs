@@ -72,7 +72,7 @@ pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection, Ru
     // The attachments precede the first sample.
     let first_ns = reader.next_sample().map_err(Failure::not_now)?.map_or(0, |first| first.log_time_ns);
     let time = RunTime::new(reader.clock(), first_ns);
-    let Some(robot) = load_robot_file(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
+    let Some(robot) = load_robot_file(run, reader.attachments())?.filter(|file| file.robot().is_ok()) else {
         return Err(Failure::NotNow(format!(
             "{} has no robot.toml that this program accepts, so the robot is unknown",
             run.display()

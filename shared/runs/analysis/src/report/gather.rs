@@ -281,7 +281,7 @@ pub fn gather(run: &Path, between: Option<[f64; 2]>, progress: &mut dyn FnMut(f6
     }
     tracker.finish(&mut |cycle: &Cycle<'_>| collector.cycle(cycle));
     let recording = inspection.report(&reader);
-    let robot = super::robot::robot_of(run, reader.attachments());
+    let robot = super::robot::robot_of(run, reader.attachments())?;
     let mut data = collector.close(run, recording, robot, &other_version);
     data.incidents.name_units(run, reader.attachments());
     data.world = super::robot::world_of(run, reader.attachments());

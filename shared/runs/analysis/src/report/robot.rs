@@ -1,6 +1,7 @@
 //! The robot of a run, from the run folder or from the attachments of the run file.
 
 use cable_robot::Robot;
+use command::{Answer, Failure};
 use config::RobotFile;
 use runlog::{Attachment, system_file_text};
 use std::path::Path;
@@ -9,15 +10,23 @@ use std::path::Path;
 const NAME: &str = "robot.toml";
 
 /// Returns the robot of a run; `None` if its file is missing or not accepted by this version.
-pub fn robot_of(run: &Path, inside: &[Attachment]) -> Option<Robot> {
-    load_robot_file(run, inside)?.robot().ok()
+///
+/// # Errors
+/// There is no folder for temporary files.
+pub fn robot_of(run: &Path, inside: &[Attachment]) -> Answer<Option<Robot>> {
+    Ok(load_robot_file(run, inside)?.and_then(|file| file.robot().ok()))
 }
 
-/// Returns the robot file of a run.
-pub fn load_robot_file(run: &Path, inside: &[Attachment]) -> Option<RobotFile> {
-    let folder = if run.is_dir() { run } else { run.parent()? };
-    let beside = RobotFile::load(&folder.join(NAME)).ok();
-    beside.or_else(|| unpacked(inside))
+/// Returns the robot file of a run; `None` if it is missing or not accepted by this version.
+///
+/// # Errors
+/// There is no folder for temporary files.
+pub fn load_robot_file(run: &Path, inside: &[Attachment]) -> Answer<Option<RobotFile>> {
+    let folder = if run.is_dir() { Some(run) } else { run.parent() };
+    match folder.and_then(|folder| RobotFile::load(&folder.join(NAME)).ok()) {
+        Some(beside) => Ok(Some(beside)),
+        None => unpacked(inside),
+    }
 }
 
 /// Returns the name of the world in which the truth of a virtual run lies; `None` for real hardware, or without the
@@ -32,14 +41,17 @@ pub fn world_of(run: &Path, inside: &[Attachment]) -> Option<String> {
 }
 
 /// Extracts all attachments to a temporary folder, because the robot file refers to other files.
-fn unpacked(inside: &[Attachment]) -> Option<RobotFile> {
-    let folder = tempfile::tempdir().ok()?;
+fn unpacked(inside: &[Attachment]) -> Answer<Option<RobotFile>> {
+    if inside.is_empty() {
+        return Ok(None);
+    }
+    let folder = command::temporary_folder()?;
     for one in inside {
         // A name with a slash could lead out of the folder.
-        let name = Path::new(&one.name).file_name()?;
-        std::fs::write(folder.path().join(name), &one.data).ok()?;
+        let Some(name) = Path::new(&one.name).file_name() else { return Ok(None) };
+        std::fs::write(folder.path().join(name), &one.data).map_err(Failure::not_now)?;
     }
-    RobotFile::load(&folder.path().join(NAME)).ok()
+    Ok(RobotFile::load(&folder.path().join(NAME)).ok())
 }
 
 #[cfg(test)]
