@@ -29,6 +29,11 @@ const ESTIMATE_NS: u64 = 300_000_000;
 /// second.
 const LOG_NS: u64 = 500_000_000;
 
+/// The process table, and the time in which all its rows are published again, ns: a second in ten parts, each with the
+/// delay of a round of the supervisor.
+const TABLE: &str = "system/process";
+const TABLE_NS: u64 = 1_300_000_000;
+
 /// Why no mission runs.
 const WITHOUT_MOTOR_IO: &str = "motor-io is not running";
 
@@ -65,7 +70,37 @@ struct Samples {
     recorder: Newest<RecorderStatus>,
     set: Newest<SystemConfig>,
     table: Received<ProcessState>,
-    processes: BTreeMap<String, ProcessState>,
+    processes: Processes,
+}
+
+/// The process table, as far as its rows have arrived.
+#[derive(Default)]
+struct Processes {
+    rows: BTreeMap<String, ProcessState>,
+    received: usize,
+    /// Time of the oldest received row, ns.
+    oldest_ns: u64,
+}
+
+impl Processes {
+    fn record(&mut self, row: ProcessState) {
+        let stamp_ns = row.header.stamp_ns;
+        self.oldest_ns = if self.received == 0 { stamp_ns } else { self.oldest_ns.min(stamp_ns) };
+        self.received += 1;
+        let name = text_of(&row.name);
+        if row.state == ProcessState::STATE_GONE {
+            self.rows.remove(&name);
+        } else {
+            self.rows.insert(name, row);
+        }
+    }
+
+    /// Returns whether every row has arrived: the table is larger than what a new subscriber receives of it, but each
+    /// row is published again within a second.
+    fn are_whole(&self, now_ns: u64) -> bool {
+        let at_first = messages::quality_of(TABLE).late;
+        !self.rows.is_empty() && (self.received < at_first || now_ns.saturating_sub(self.oldest_ns) >= TABLE_NS)
+    }
 }
 
 impl Samples {
@@ -82,8 +117,8 @@ impl Samples {
             plan: Newest::subscribe(link, "plan/status")?,
             recorder: Newest::subscribe(link, "recorder/status")?,
             set: Newest::subscribe(link, TUNED_CHANNEL)?,
-            table: link.subscriber("system/process")?,
-            processes: BTreeMap::new(),
+            table: link.subscriber(TABLE)?,
+            processes: Processes::default(),
         })
     }
 
@@ -107,11 +142,7 @@ impl Samples {
     /// Receives what has arrived; returns true once every channel has a sample.
     fn poll(&mut self) -> Answer<bool> {
         while let Some(row) = self.table.receive()? {
-            if row.state == ProcessState::STATE_GONE {
-                self.processes.remove(&text_of(&row.name));
-            } else {
-                self.processes.insert(text_of(&row.name), row);
-            }
+            self.processes.record(row);
         }
         let have = [
             self.authority.poll()?,
@@ -123,7 +154,7 @@ impl Samples {
             self.plan.poll()?,
             self.recorder.poll()?,
             self.set.poll()?,
-            !self.processes.is_empty(),
+            self.processes.are_whole(clock::now_ns()),
         ];
         Ok(have.iter().all(|have| *have))
     }
@@ -151,7 +182,7 @@ pub fn status(link: &RobotLink) -> Answer<Output> {
     let authority = samples.authority.sample.as_ref();
     match authority {
         Some(authority) => {
-            motors(authority, samples.processes.get("motor-io"), &mut value, &mut lines);
+            motors(authority, samples.processes.rows.get("motor-io"), &mut value, &mut lines);
             if authority.faults & MotorAuthority::FAULT_LOST_UNIT != 0
                 && let Some(warning) = port_warning(link)?
             {
@@ -162,11 +193,11 @@ pub fn status(link: &RobotLink) -> Answer<Output> {
         None => lines.push("motor-io   is not running; the robot cannot move".to_owned()),
     }
     if let Some(sample) = &samples.slots.sample {
-        slots(sample, &samples.processes, &mut value, &mut lines);
+        slots(sample, &samples.processes.rows, &mut value, &mut lines);
     }
     node(&samples, &mut value, &mut lines);
     if let Some(plan) = &samples.plan.sample {
-        let steered = steering(authority, samples.processes.get("motor-io"), clock::now_ns());
+        let steered = steering(authority, samples.processes.rows.get("motor-io"), clock::now_ns());
         mission(plan, steered, &mut value, &mut lines);
     }
     system(link, &samples, &mut value, &mut lines)?;
@@ -217,7 +248,7 @@ fn system(link: &RobotLink, samples: &Samples, value: &mut Value, lines: &mut Ve
     value["shared_memory"] =
         json!({ "used_bytes": memory.used, "free_bytes": memory.free, "total_bytes": memory.total });
     lines.push(format!("memory     {}", memory_words(&memory)));
-    let processes = &samples.processes;
+    let processes = &samples.processes.rows;
     value["processes"] = processes.iter().map(|(name, row)| json!({ "name": name, "pid": row.pid, "state": state_name(row.state), "restarts": row.restarts })).collect();
     let listed: Vec<String> = processes.iter().map(|(name, row)| format!("{name} {}", state_name(row.state))).collect();
     lines
@@ -419,6 +450,49 @@ mod tests {
         let words = position_words(before, Some(&row), 17_000_000_000);
         assert!(words.contains("12 s") && words.contains("restart 2"), "{words}");
         assert!(!position_words(MotorState::POSITION_KNOWN, Some(&row), 17_000_000_000).contains("restart"));
+    }
+
+    /// The supervisor publishes the rows of so many processes again and again, in ten parts each second.
+    fn published(processes: u64, until_ns: u64) -> Vec<ProcessState> {
+        let parts = (0..).map(|part| (part, part * 100_000_000)).take_while(|(_, at_ns)| *at_ns < until_ns);
+        let rows = parts.flat_map(|(part, at_ns)| {
+            let of_part = (0..processes).filter(move |process| process % 10 == part % 10);
+            of_part.map(move |process| (process, at_ns))
+        });
+        let row = |(process, at_ns)| {
+            let mut row = ProcessState { state: ProcessState::STATE_READY, ..ProcessState::default() };
+            messages::put_text(&mut row.name, &format!("sensor-{process}"));
+            row.header.stamp_ns = at_ns;
+            row
+        };
+        rows.map(row).collect()
+    }
+
+    #[test]
+    fn all_processes_are_shown_also_if_there_are_more_than_a_subscriber_receives_at_first() {
+        const SECOND_NS: u64 = 1_000_000_000;
+        let at_first = messages::quality_of(TABLE).late;
+        assert!(!Processes::default().are_whole(9 * SECOND_NS), "without a supervisor");
+        for (processes, waits) in [(3, false), (300, false), (500, true), (4096, true)] {
+            let joined_ns = 10 * SECOND_NS;
+            let before = published(processes, joined_ns);
+            let mut table = Processes::default();
+            before[before.len().saturating_sub(at_first)..].iter().for_each(|row| table.record(*row));
+            assert_eq!(!table.are_whole(joined_ns), waits, "{processes}");
+            let mut later = published(processes, 2 * joined_ns).into_iter().skip(before.len());
+            let mut now_ns = joined_ns;
+            while !table.are_whole(now_ns) {
+                let row = later.next().unwrap();
+                now_ns = row.header.stamp_ns;
+                table.record(row);
+            }
+            assert!(now_ns - joined_ns <= TABLE_NS, "{processes}");
+            assert_eq!(table.rows.len() as u64, processes);
+        }
+        // A robot that has just started has not published more.
+        let mut table = Processes::default();
+        published(5, 500_000_000).into_iter().for_each(|row| table.record(row));
+        assert!(table.are_whole(500_000_000));
     }
 
     #[test]
