@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod calculations;
 mod command_line;
 mod documents;
 mod example_configurations;
