@@ -34,6 +34,7 @@ mod replay;
 mod report;
 mod scale;
 mod sim;
+mod sim_estimators;
 mod slips;
 mod soft;
 mod takeover;
