@@ -27,7 +27,10 @@ pub(crate) fn open_or_create(
             Err(EventOpenError::DoesNotExist) => match create(builder()) {
                 Ok(event) => return Ok(Some(event)),
                 Err(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance) => None,
-                Err(error) => Some(format!("{error:?}")),
+                // What a process that died while it created the event has left.
+                Err(error @ EventCreateError::ServiceInCorruptedState) => Some(format!("{error:?}")),
+                // Waiting does not help, and looking for what is half made costs the robot.
+                Err(error) => return Err(BusError::failed(name, "make its event", &error)),
             },
             Err(error) => Some(format!("{error:?}")),
         };
