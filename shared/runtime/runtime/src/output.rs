@@ -41,6 +41,7 @@ enum Fault {
 /// Receives requests for faults of the outputs of this process.
 #[derive(Debug)]
 pub(crate) struct OutputFaultInjector {
+    process: String,
     server: Server,
     fault: Rc<Cell<Option<Fault>>>,
     until_ns: u64,
@@ -48,7 +49,8 @@ pub(crate) struct OutputFaultInjector {
 
 impl OutputFaultInjector {
     pub(crate) fn new(bus: &Bus) -> Result<Self, BusError> {
-        Ok(Self { server: bus.server(bus.process())?, fault: Rc::default(), until_ns: u64::MAX })
+        let process = bus.process().to_owned();
+        Ok(Self { server: bus.server(&process)?, process, fault: Rc::default(), until_ns: u64::MAX })
     }
 
     /// Handles requests, and ends a fault when its time is over.
@@ -81,10 +83,18 @@ impl OutputFaultInjector {
                 Some(_) => warn!("fault on request: {text}"),
                 None => info!("fault on request: {text}"),
             }
-            call.answer(&Reason::FaultDone { fault: detail(text) }.answer())?;
+            call.answer(&Reason::FaultDone { fault: detail(named(&text, &self.process)) }.answer())?;
         }
         Ok(())
     }
+}
+
+/// Returns a request with the process after the kind of the fault, as `nims fault` has it: the record of a request does
+/// not have the process to which it was sent, that of the answer has this text.
+fn named(text: &str, process: &str) -> String {
+    let mut words: Vec<&str> = text.split_whitespace().collect();
+    words.insert(words.len().min(1), process);
+    words.join(" ")
 }
 
 fn forms() -> String {
@@ -230,6 +240,12 @@ mod tests {
         assert_eq!(late, [None, None, Some(4), Some(5)]);
         assert_eq!(output(None, 8), Some(estimate(8)));
         assert_eq!(output(Some(Fault::Slow(1)), 9), None);
+    }
+
+    #[test]
+    fn the_answer_to_a_request_names_the_process() {
+        assert_eq!(named("slow 10 for 0.5", "controller"), "slow controller 10 for 0.5");
+        assert_eq!(named(" nan", "estimator-b"), "nan estimator-b");
     }
 
     #[test]
