@@ -15,7 +15,7 @@ use messages::{
     CONTROLLERS, ESTIMATORS, MotorAuthority, MotorState, OperatorRequest, ProcessState, RequestBody, SLOT_NAMES,
     text_of,
 };
-use part::{Failed, Part};
+use part::{Failed, Target};
 use reaction::{Aftermath, Timeline, during};
 use robot_state::sentences::{FAULTS, ROLE_NAMES, named, verdict_sentence};
 use runlog::{Attachment, RunReader};
@@ -23,6 +23,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+pub(crate) use part::fault_of;
 pub use reaction::Step;
 
 /// Largest number of incidents; a list of more is not read.
@@ -87,10 +88,19 @@ struct RequestFact {
     /// Who asked for what.
     clause: String,
     is_estop: bool,
-    /// The process that was ended or suspended.
-    of_process: Option<String>,
-    /// What was to fail in the virtual motor box; `None`: it is no fault of that.
-    of_part: Option<Part>,
+    target: Target,
+}
+
+/// How closely faults are linked to what a request let fail.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Link {
+    /// The output of a process that they do not name.
+    Remote,
+    /// A part that they do not name. Cables pull on each other: where one breaks or is measured wrongly, another may be
+    /// the first that is slack or pulls too hard.
+    Possible,
+    /// What they name.
+    Named,
 }
 
 /// The end or the silence of a process.
@@ -157,7 +167,7 @@ impl Incidents {
 
     /// Records a request and its answer.
     pub fn request(&mut self, time_s: f64, request: &OperatorRequest) {
-        let text = text_of(&request.text);
+        let text = fault_of(request);
         let is_estop = request.body.verb == RequestBody::VERB_ESTOP;
         let begins = !["plug ", "continue "].iter().any(|word| text.starts_with(word)) && !text.ends_with(" off");
         let causes = is_estop || request.body.verb == RequestBody::VERB_FAULT && begins;
@@ -168,11 +178,8 @@ impl Incidents {
         let who = Some(text_of(&request.requester)).filter(|name| !name.is_empty());
         let who = who.unwrap_or_else(|| "an operator".to_owned());
         let what = if is_estop { "an emergency stop".to_owned() } else { format!("the fault \"{text}\"") };
-        let of_process = ["kill ", "stop "].iter().find_map(|word| text.strip_prefix(word)).map(str::to_owned);
-        let clause = format!("{who} asked for {what}");
-        let of_process = of_process.filter(|_| !is_estop);
-        let of_part = Part::of_request(&text).filter(|_| !is_estop);
-        self.requests.push(RequestFact { time_s, clause, is_estop, of_process, of_part });
+        let target = if is_estop { Target::Other } else { Target::of_fault(&text) };
+        self.requests.push(RequestFact { time_s, clause: format!("{who} asked for {what}"), is_estop, target });
     }
 
     /// Records a row of the process table.
@@ -248,7 +255,7 @@ impl Incidents {
         if is_estop {
             faults.insert(0, "it was put into emergency stop".to_owned());
         }
-        causes.extend(self.asked_for(group).map(|asked| asked.clause.clone()));
+        causes.extend(self.asked_for(group, !causes.is_empty()).map(|asked| asked.clause.clone()));
         causes.dedup();
         let rest_s = group.iter().rev().find_map(|fact| fact.rest_s).filter(|rest_s| *rest_s <= end_s);
         let released = self.released(group);
@@ -259,29 +266,35 @@ impl Incidents {
         Incident { time_s: from_s, cycle, faults, of, causes, did, sentence: String::new() }.said(before)
     }
 
-    /// Returns the request that is the cause of faults as far as the run shows it: the last one of a cable, a drive
-    /// unit or a process that they name, or else the last one. Cables pull on each other: where one breaks or is
-    /// measured wrongly, another may be the first that is slack or pulls too hard.
-    fn asked_for(&self, group: &[&FaultFact]) -> Option<&RequestFact> {
+    /// Returns the request that is the cause of faults as far as the run shows it: the last one of those that are most
+    /// closely linked to them.
+    fn asked_for(&self, group: &[&FaultFact], is_explained: bool) -> Option<&RequestFact> {
         let (first_s, is_estop) = (group[0].time_s, group[0].authority.faults == 0);
         // The answer is recorded shortly after its effect.
         let after_s = if is_estop { TOGETHER_S } else { ANSWERED_S };
         let recent = first_s - ASKED_BEFORE_S..=first_s + after_s;
         let failed = Failed::of(group.iter().map(|fact| &fact.authority));
-        let mut asked: Vec<&RequestFact> = self.requests.iter().rev().filter(|it| it.is_estop == is_estop).collect();
-        asked.retain(|asked| recent.contains(&asked.time_s) && self.may_cause(asked, group, &failed));
-        let named = asked.iter().find(|asked| {
-            let of_process = asked.of_process.as_ref().is_some_and(|name| self.is_process_of(name, group, &failed));
-            of_process || asked.of_part.is_some_and(|part| part.is_in(&failed, &self.units))
-        });
-        named.or(asked.first()).copied()
+        let asked = self.requests.iter().filter(|it| it.is_estop == is_estop && recent.contains(&it.time_s));
+        let linked = asked.filter_map(|asked| Some((self.link(&asked.target, group, &failed, is_explained)?, asked)));
+        linked.max_by_key(|(link, _)| *link).map(|(_, asked)| asked)
     }
 
-    /// Returns whether a request may be the cause of faults: that to end or suspend a process, only of what that
-    /// process does. A suspended motor-io is late in everything.
-    fn may_cause(&self, asked: &RequestFact, group: &[&FaultFact], failed: &Failed) -> bool {
-        let Some(name) = &asked.of_process else { return true };
-        self.role_of(name) == "motor-io" || self.is_process_of(name, group, failed)
+    /// Returns how closely faults are linked to what a request let fail; `None`: not at all. `is_explained`: the run
+    /// shows another cause.
+    fn link(&self, target: &Target, group: &[&FaultFact], failed: &Failed, is_explained: bool) -> Option<Link> {
+        let is_named = match target {
+            Target::Process(name) | Target::Output(Some(name)) => self.is_process_of(name, group, failed),
+            Target::Output(None) => ROLE_NAMES.iter().any(|role| self.is_process_of(role, group, failed)),
+            Target::Part(part) => part.is_in(failed, &self.units),
+            Target::Other => false,
+        };
+        match target {
+            _ if is_named => Some(Link::Named),
+            // A suspended motor-io is late in everything.
+            Target::Process(name) => (self.role_of(name) == "motor-io").then_some(Link::Possible),
+            Target::Output(_) => (!is_explained).then_some(Link::Remote),
+            Target::Part(_) | Target::Other => Some(Link::Possible),
+        }
     }
 
     /// Returns whether faults name a process, or follow where one of its role fails.
@@ -307,11 +320,15 @@ impl Incidents {
     fn of_process(&self, process: &ProcessFact) -> Incident {
         let (from_s, before) = (process.time_s, self.timeline.mode_at(process.time_s));
         let recent = process.time_s - ASKED_BEFORE_S..=process.time_s;
+        let of_it = |target: &Target| match target {
+            Target::Process(name) | Target::Output(Some(name)) => *name == process.name,
+            Target::Output(None) => false,
+            // Only motor-io has to do with the motor box.
+            Target::Part(_) => process.role == "motor-io",
+            Target::Other => true,
+        };
         let mut asked = self.requests.iter().rev().filter(|asked| !asked.is_estop && recent.contains(&asked.time_s));
-        let of_it = |name: &String| *name == process.name;
-        // Only motor-io has to do with the motor box.
-        let reaches = |asked: &RequestFact| asked.of_part.is_none() || process.role == "motor-io";
-        let asked = asked.find(|asked| asked.of_process.as_ref().is_none_or(of_it) && reaches(asked));
+        let asked = asked.find(|asked| of_it(&asked.target));
         let causes = asked.map(|asked| asked.clause.clone()).into_iter().collect();
         let next = self.faults.iter().find(|fault| fault.time_s > process.time_s);
         let end_s = next.map_or(f64::INFINITY, |fault| fault.time_s);

@@ -1,9 +1,14 @@
-//! Which cable or drive units a fault of the virtual motor box names, and whether faults of the robot name them.
+//! Which process, cable or drive units a fault on request names, and whether faults of the robot name these cables and
+//! units.
 
 use crate::drive_units::DriveUnit;
 use messages::MotorAuthority;
 use messages::faults::{Faults, OF_CABLES, OF_UNITS};
+use messages::{OperatorRequest, text_of};
+use runtime::OUTPUT_FAULTS;
 
+/// Kinds of faults that end or suspend a process.
+const OF_A_PROCESS: [&str; 2] = ["kill", "stop"];
 /// Kinds of faults with a cable as their first argument. This crate cannot see those of the motor box, which a test in
 /// `tests/` compares with these.
 const OF_ONE_CABLE: [&str; 5] = ["stall", "slip", "dead", "jump", "break"];
@@ -21,6 +26,42 @@ pub(super) enum Part {
     Port(usize),
     Unit { port: usize, address: u8 },
     AllUnits,
+}
+
+/// What a request lets fail.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Target {
+    /// A process, which is ended or suspended.
+    Process(String),
+    /// The output of a process; `None`: in a run of before, of a controller or of an estimator.
+    Output(Option<String>),
+    /// A part of the virtual motor box.
+    Part(Part),
+    /// The robot, by an emergency stop, or what this version does not know.
+    Other,
+}
+
+impl Target {
+    /// Reads the text of a fault.
+    pub(super) fn of_fault(text: &str) -> Self {
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let named = words.get(1).map(|word| (*word).to_owned());
+        match (words.first(), named) {
+            (Some(kind), Some(process)) if OF_A_PROCESS.contains(kind) => Self::Process(process),
+            (Some(kind), named) if OUTPUT_FAULTS.iter().any(|(word, ..)| word == kind) => {
+                // In a run of before, the duration or the number of cycles follows.
+                Self::Output(named.filter(|word| word != "for" && word.parse::<u32>().is_err()))
+            }
+            _ => Part::of_request(text).map_or(Self::Other, Self::Part),
+        }
+    }
+}
+
+/// Returns the fault that a request is for. The answer also names the process whose output fails.
+pub(crate) fn fault_of(request: &OperatorRequest) -> String {
+    let answered = text_of(&request.detail);
+    let is_done = request.answered == 1 && request.accepted == OperatorRequest::ACCEPTED && !answered.is_empty();
+    if is_done { answered } else { text_of(&request.text) }
 }
 
 /// What the faults of an incident name.
@@ -109,6 +150,33 @@ mod tests {
         for text in ["kill controller", "slow controller 10", "stall", "stall x", "mute 1", ""] {
             assert_eq!(Part::of_request(text), None, "{text}");
         }
+    }
+
+    #[test]
+    fn the_target_of_a_fault_is_its_process_or_part() {
+        assert_eq!(Target::of_fault("kill my-law"), Target::Process("my-law".to_owned()));
+        for text in ["slow controller 10", "nan controller", "frozen controller for 0.5"] {
+            assert_eq!(Target::of_fault(text), Target::Output(Some("controller".to_owned())), "{text}");
+        }
+        for text in ["slow 10", "slow 10 for 0.5", "nan", "frozen for 3"] {
+            assert_eq!(Target::of_fault(text), Target::Output(None), "{text}");
+        }
+        assert_eq!(Target::of_fault("stall 2 for 1"), Target::Part(Part::Cable(2)));
+        for text in ["kill", "explode 2", ""] {
+            assert_eq!(Target::of_fault(text), Target::Other, "{text}");
+        }
+    }
+
+    #[test]
+    fn the_answer_to_a_fault_names_its_process() {
+        let mut request = OperatorRequest::default();
+        messages::put_text(&mut request.text, "nan");
+        messages::put_text(&mut request.detail, "nan estimator");
+        assert_eq!(fault_of(&request), "nan", "not answered");
+        (request.answered, request.accepted) = (1, OperatorRequest::ACCEPTED);
+        assert_eq!(fault_of(&request), "nan estimator");
+        request.detail = [0; messages::DETAIL_BYTES];
+        assert_eq!(fault_of(&request), "nan");
     }
 
     #[test]

@@ -272,6 +272,37 @@ fn without_a_request_for_what_failed_the_last_one_is_the_cause() {
 }
 
 #[test]
+fn a_wrong_output_of_one_process_is_the_cause_of_what_names_it_or_has_no_other_cause() {
+    let lost: fn(&mut MotorAuthority) = |authority| authority.faults = MotorAuthority::FAULT_COMMAND_LOST;
+    let planner: fn(&mut MotorAuthority) = |authority| authority.faults = MotorAuthority::FAULT_PLANNER_LOST;
+    for text in ["slow controller 10", "nan controller", "frozen estimator for 0.5", "nan"] {
+        assert_eq!(causes(&[text, "break 3"], lost), clause(text));
+        for other in ["break 2", "stall 1"] {
+            assert_eq!(causes(&[other, text], slack), clause(other), "{text}");
+        }
+        assert_eq!(causes(&[text], slack), clause(text));
+        assert_eq!(causes(&[text], planner), clause(text));
+
+        // The planner has died.
+        let mut incidents = Incidents::default();
+        fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);
+        asks(&mut incidents, 0.9, RequestBody::VERB_FAULT, text);
+        row(&mut incidents, 0.95, "planner", "planner", ProcessState::STATE_DIED, "was ended by signal 11");
+        fly(&mut incidents, [1.0, 2.0], HOLDING, MotorAuthority::FAULT_PLANNER_LOST, 0.0);
+        assert_eq!(one(&incidents).causes, ["planner was ended by signal 11"], "{text}");
+
+        // It ends the process of that output at most.
+        for (name, count) in [("soil", 0), ("controller-b", 0), (text.split(' ').nth(1).unwrap_or("x"), 1)] {
+            let mut incidents = Incidents::default();
+            fly(&mut incidents, [0.0, 1.0], FOLLOWING, 0, 99.0);
+            asks(&mut incidents, 0.9, RequestBody::VERB_FAULT, text);
+            row(&mut incidents, 1.0, name, "controller", ProcessState::STATE_DIED, "was ended by signal 11");
+            assert_eq!(one(&incidents).causes.len(), if text == "nan" { 0 } else { count }, "{text}: {name}");
+        }
+    }
+}
+
+#[test]
 fn no_process_but_motor_io_dies_of_a_fault_of_the_motor_box() {
     for text in ["stall 3", "supply 9", "unplug 1", "mute 1 128"] {
         for (role, found) in [("sensor", 0), ("motor-io", 1)] {

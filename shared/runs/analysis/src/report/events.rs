@@ -1,5 +1,6 @@
 //! Events of a run, one sentence each.
 
+use crate::incidents::fault_of;
 use messages::{LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, Request, RequestBody, text_of};
 use robot_state::sentences::{fault_clauses, faults_of, mode_name, mode_sentence};
 use serde::Serialize;
@@ -109,7 +110,7 @@ fn is_dead(state: u8) -> bool {
 /// Returns what a request asks for, by its verb and its names.
 fn asked(request: &OperatorRequest) -> String {
     if request.body.verb == RequestBody::VERB_FAULT {
-        return format!("asked for the fault \"{}\"", text_of(&request.text));
+        return format!("asked for the fault \"{}\"", fault_of(request));
     }
     let asked = Request::decode(request).ok().and_then(|request| serde_json::to_value(request).ok());
     let verb = asked.as_ref().and_then(|asked| asked["verb"].as_str()).unwrap_or("a request of another version");
