@@ -1,4 +1,4 @@
-//! The operator's commands: bad input is rejected with one clear sentence and moves nothing; the tools answer in JSON.
+//! The operator's commands: bad input is rejected with one clear sentence and moves nothing.
 
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
