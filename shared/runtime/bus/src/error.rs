@@ -309,8 +309,8 @@ impl BusError {
         Self::Failed { channel: channel.to_owned(), what, why: format!("iceoryx2 says {error:?}") }
     }
 
-    /// A refusal by iceoryx2 of an event that lasts longer than this process waits; `None`: another process has not made
-    /// it yet.
+    /// A refusal of an event by iceoryx2 that lasts longer than this process waits; `None`: another process has not
+    /// made it yet.
     pub(crate) fn unfinished(channel: &str, error: Option<String>) -> Self {
         let why = error.map_or_else(
             || "another process has begun to make it and does not finish".to_owned(),
