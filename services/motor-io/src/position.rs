@@ -158,7 +158,7 @@ impl PositionFile {
     /// Writes the file as a whole or not at all.
     fn write(&self, path: &Path) -> io::Result<()> {
         let text = toml::to_string(self).map_err(io::Error::other)?;
-        file::replace(path, &format!("{HEAD}{text}"))
+        file::replace(path, format!("{HEAD}{text}"))
     }
 }
 

@@ -103,7 +103,7 @@ impl Progress {
     /// Writes the file atomically.
     fn write(&self, path: &Path) -> io::Result<()> {
         let text = toml::to_string(self).map_err(io::Error::other)?;
-        file::replace(path, &format!("{HEAD}{text}"))
+        file::replace(path, format!("{HEAD}{text}"))
     }
 }
 
