@@ -260,7 +260,9 @@ impl Supervisor {
             match runlog::recover_leaving(&part, self.context.file.recorder.min_free_bytes, &mut |_, _| {}) {
                 Ok(_) => {
                     let why = format!("{} was not closed by its recorder and has been recovered", part.display());
-                    self.recording.record_failure(&why);
+                    if !self.recording.has_reason_for(&part) {
+                        self.recording.record_failure(&why);
+                    }
                     self.announcer.warn(&why);
                 }
                 Err(error) => {

@@ -5,6 +5,7 @@ use bus::{Bus, Subscriber};
 use command::Answer;
 use messages::{RecorderStatus, text_of};
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Losses at most this far apart are reported as one, ns.
 const SPELL_NS: u64 = 10_000_000_000;
@@ -57,6 +58,12 @@ impl Recording {
     /// Adds a failure of the recorder process itself.
     pub fn record_failure(&mut self, why: &str) {
         self.ledger.add_trouble(why);
+    }
+
+    /// Returns whether a reason for a gap begins with this file: its recorder said why it could not write it.
+    #[must_use]
+    pub fn has_reason_for(&self, file: &Path) -> bool {
+        self.ledger.names(file)
     }
 
     /// Reasons for the gaps in the recording.
@@ -161,6 +168,11 @@ impl Ledger {
             self.troubles.push(why.to_owned());
         }
     }
+
+    fn names(&self, file: &Path) -> bool {
+        let beginning = format!("{}: ", file.display());
+        self.troubles.iter().any(|trouble| trouble.starts_with(&beginning))
+    }
 }
 
 #[cfg(test)]
@@ -188,6 +200,15 @@ mod tests {
         assert_eq!(ledger.record(well, "", 3), None);
         assert!(ledger.record(RecorderStatus::STATE_FAILED, "it was removed", 4).is_some());
         assert_eq!(ledger.troubles, ["the disk is full", "it was removed"]);
+    }
+
+    #[test]
+    fn a_file_that_could_not_be_written_has_its_reason() {
+        let files = ["/runs/one/run.mcap.part", "/runs/one/run-0002.mcap.part"].map(Path::new);
+        let stopped = RunError::Write { path: files[0].into(), why: "File too large".to_owned() }.to_string();
+        let mut ledger = Ledger::default();
+        ledger.record(RecorderStatus::STATE_FAILED, &stopped, 1);
+        assert_eq!(files.map(|file| ledger.names(file)), [true, false]);
     }
 
     #[test]
