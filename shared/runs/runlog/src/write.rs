@@ -410,7 +410,7 @@ pub(crate) fn attach<W: Write + Seek>(
     })
 }
 
-/// A file writer that counts the bytes written.
+/// A writer of a new file, which is written from its beginning to its end, that counts the bytes written.
 pub(crate) struct CountingWriter {
     pub inner: BufWriter<File>,
     pub written: Arc<AtomicU64>,
@@ -429,11 +429,15 @@ impl Write for CountingWriter {
 }
 
 impl Seek for CountingWriter {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.inner.seek(to)
+    /// # Errors
+    /// Always: the writer of MCAP files is told not to seek, and the count is the position.
+    fn seek(&mut self, _to: SeekFrom) -> io::Result<u64> {
+        Err(io::Error::from(io::ErrorKind::NotSeekable))
     }
 
+    /// The writer of MCAP files asks for it once for each channel of a chunk. That of a [`BufWriter`] writes its buffer
+    /// each time.
     fn stream_position(&mut self) -> io::Result<u64> {
-        self.inner.stream_position()
+        Ok(self.written.load(Ordering::Relaxed))
     }
 }
