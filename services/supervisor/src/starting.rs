@@ -125,6 +125,9 @@ impl Supervisor {
         if let Some(warning) = busy.warning() {
             supervisor.announcer.warn(&warning);
         }
+        if let Some(excess) = supervisor.context.file.excess() {
+            supervisor.announcer.warn(&format!("{excess}; {}", excess.cure()));
+        }
         supervisor.report_former_places();
         if !orphans.is_empty() {
             supervisor.announcer.warn(&format!("ended processes of an earlier supervisor: {}", orphans.join(", ")));

@@ -47,7 +47,7 @@ mod uncertainty;
 mod viewer;
 
 pub use arbiter::ArbiterSection;
-pub use bus::BusSection;
+pub use bus::{BusSection, Excess};
 pub use choice::UnknownChoice;
 pub use controller::{ControlLaw, ControllerSection, TensionDistribution};
 pub use drive_family::{DriveFamily, DriveProtocol, Remedies, Wire};

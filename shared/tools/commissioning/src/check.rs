@@ -205,6 +205,7 @@ pub fn system(file: &SystemFile) -> Answer<Vec<Finding>> {
         file.bus.processes,
         bus::places_bytes(file.bus.processes) as f64 * 1e-6
     )));
+    findings.extend(file.excess().map(|excess| warning(excess.to_string(), &excess.cure())));
     let fastest_hz = highest_rate_hz(file);
     for (index, port) in file.motor_io.ports.iter().enumerate() {
         let seconds = cycle_s(port);
