@@ -245,6 +245,9 @@ fn keep(best: &mut Option<(f64, f64)>, mu: f64, value: f64) {
 
 /// Brent's minimisation between `a` and `b`: the vertex of the parabola through the three best points while that makes
 /// progress, otherwise a golden section. Jumps and infinite values only cost additional evaluations.
+///
+/// Golden sections need thirty steps to a minimum at an end. Where three points fall towards an end, and their parabola
+/// has no vertex inside, that end is therefore tried once: it is the result if the values fall up to there.
 fn brent_minimum(mut objective: impl FnMut(f64) -> f64, mut a: f64, mut b: f64) -> (f64, f64) {
     const SHARE: f64 = 0.381_966_011_250_105_1;
     let closest = BRACKET_SHARE * (b - a);
@@ -253,6 +256,7 @@ fn brent_minimum(mut objective: impl FnMut(f64) -> f64, mut a: f64, mut b: f64) 
     let mut fx = objective(x);
     let (mut w, mut fw, mut v, mut fv) = (x, fx, x, fx);
     let (mut step, mut step_before) = (0.0f64, 0.0f64);
+    let mut end_tried = false;
     for _ in 0..MAX_SECTIONS {
         let middle = 0.5 * (a + b);
         if (x - middle).abs() + 0.5 * (b - a) <= 2.0 * closest {
@@ -261,7 +265,16 @@ fn brent_minimum(mut objective: impl FnMut(f64) -> f64, mut a: f64, mut b: f64) 
         let (r, q) = ((x - w) * (fx - fv), (x - v) * (fx - fw));
         let vertex = ((x - v) * q - (x - w) * r) / (2.0 * (r - q));
         // Accept the vertex if it is inside the bracket, finite, and less than half the step before the last.
-        let gains = (a + closest..b - closest).contains(&(x + vertex)) && vertex.abs() < 0.5 * step_before.abs();
+        let inside = (a + closest..b - closest).contains(&(x + vertex));
+        let gains = inside && vertex.abs() < 0.5 * step_before.abs();
+        if !inside && !end_tried && (v - w) * (w - x) > 0.0 && fx < fw && fw < fv {
+            end_tried = true;
+            let (end, inward) = if x > w { (b - closest, -closest) } else { (a + closest, closest) };
+            let at_end = objective(end);
+            if at_end < fx && (at_end..fx).contains(&objective(end + inward)) {
+                return (end, at_end);
+            }
+        }
         step_before = step;
         if gains {
             step = vertex;

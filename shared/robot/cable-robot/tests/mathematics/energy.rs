@@ -1,6 +1,7 @@
 //! Cost of moves compared with an independent reference: the ratios of Tables V and VIII for substitute configurations,
 //! computed by another implementation in another language. The motor tables of the paper are lost.
 
+use cable_robot::energy::optimum::Precision;
 use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, EnergyError, WinchEnergy};
 use cable_robot::motor::Motor;
 use cable_robot::path::{Parabola, Path};
@@ -355,6 +356,53 @@ proptest! {
             }
             Err(error) => prop_assert!(!least.is_finite(), "{error}"),
         }
+    }
+}
+
+/// A move of three cables whose cost falls up to the ground, over several places that the scan takes for low ones.
+/// Golden sections to each of their ends would take 170 evaluations.
+#[test]
+fn a_cost_that_falls_to_the_ground_takes_few_evaluations() {
+    let anchors = Anchors::new(&[[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]]).unwrap();
+    let motor = Motor::default();
+    let winch_energy = winch_energy(&anchors, Distribution::Unique, &motor);
+    let (from, to) = (Vector3::new(3.3, 1.6, 2.2), Vector3::new(6.6, 1.9, 2.1));
+    let mut fine = 0;
+    let best = cable_robot::energy::optimum::best(&from, &to, &GROUND, |path, precision| {
+        fine += usize::from(precision == Precision::Fine);
+        winch_energy.constant_speed(path, 0.2, if precision == Precision::Fine { 64 } else { 16 })
+    });
+    let limit = cable_robot::energy::parabola::mu_limit(&from, &to, 0.0).unwrap().unwrap();
+    assert_eq!(best.unwrap().mu_per_m, limit);
+    assert!(fine <= 50, "{fine}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// Near an end of the range the search tries that end early; it must not take it for a minimum beside it, be it
+    /// round, sharp, or a place before a step upwards.
+    #[test]
+    fn a_valley_near_the_ground_is_found(
+        beside in prop_oneof![Just(0.0), -6.0..-1.0f64].prop_map(|power| if power < 0.0 { 10f64.powf(power) } else { 0.0 }),
+        power in 1.0..3.0f64,
+        step in any::<bool>(),
+    ) {
+        let (anchors, motor) = (square(), ideal());
+        let base = winch_energy(&anchors, Distribution::LeastNorm, &motor)
+            .constant_speed(&Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.0 }, 0.2, 16)
+            .unwrap();
+        let deepest = cable_robot::energy::parabola::mu_limit(&corners()[0], &corners()[1], 0.0).unwrap().unwrap();
+        let cost = |mu: f64| {
+            let off = mu / deepest - (1.0 - beside);
+            1.0 + off.abs().powf(power) + if step && off > 1e-12 { 1.0 } else { 0.0 }
+        };
+        let found = cable_robot::energy::optimum::best(&corners()[0], &corners()[1], &GROUND, |path, _| {
+            Ok(Cost { energy_j: cost(path.mu_per_m), ..base })
+        });
+        // The minimum is found to 2e-7 of the distance of two points of the scan, a fortieth of the range.
+        let energy_j = found.unwrap().cost.energy_j;
+        prop_assert!(energy_j <= 1.0 + 4e-8, "{energy_j}");
     }
 }
 
