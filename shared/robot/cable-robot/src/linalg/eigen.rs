@@ -8,6 +8,14 @@ const SWEEPS: usize = 30;
 /// Squared share of the diagonal below which the rest is rounding.
 const ROUNDING: f64 = 1e-32;
 
+/// Cotangent above which the square of the tangent is lost beside 1, and 1 beside the square of the cotangent, whose root
+/// is the cotangent again: without the roots and a quotient, each of which waits for the one before, a rotation has the
+/// same bits. The last sweep has such angles.
+const STEEP: f64 = 134_217_728.0;
+
+/// Cotangent below which its square does not overflow.
+const STEEPEST: f64 = 1e150;
+
 /// Three eigenvalues with their orthonormal eigenvectors, in any order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct SymmetricEigen {
@@ -47,6 +55,17 @@ impl SymmetricEigen {
     }
 }
 
+/// Tangent and cosine of the smaller of the two angles whose double has this cotangent.
+#[inline(always)]
+fn angle(cotangent: f64) -> (f64, f64) {
+    let steep = cotangent.abs();
+    if (STEEP..STEEPEST).contains(&steep) {
+        return (1.0_f64.copysign(cotangent) / (steep + steep), 1.0);
+    }
+    let tangent = 1.0_f64.copysign(cotangent) / (steep + (cotangent * cotangent + 1.0).sqrt());
+    (tangent, 1.0 / (tangent * tangent + 1.0).sqrt())
+}
+
 /// Rotates in the plane of two axes P < Q, so that their entry vanishes.
 #[inline(always)]
 fn rotate<const P: usize, const Q: usize>(rows: &mut [[f64; 3]; 3], vectors: &mut [Vector3<f64>; 3]) {
@@ -54,10 +73,9 @@ fn rotate<const P: usize, const Q: usize>(rows: &mut [[f64; 3]; 3], vectors: &mu
     if entry == 0.0 {
         return;
     }
-    // The smaller of the two angles: tan 2φ = 1 / cotangent. A cotangent whose square overflows means none.
+    // tan 2φ = 1 / cotangent. A cotangent whose square overflows means none.
     let cotangent = (rows[Q][Q] - rows[P][P]) / (2.0 * entry);
-    let tangent = 1.0_f64.copysign(cotangent) / (cotangent.abs() + (cotangent * cotangent + 1.0).sqrt());
-    let cosine = 1.0 / (tangent * tangent + 1.0).sqrt();
+    let (tangent, cosine) = angle(cotangent);
     let sine = tangent * cosine;
     rows[P][P] -= tangent * entry;
     rows[Q][Q] += tangent * entry;
@@ -80,6 +98,16 @@ mod tests {
     }
 
     proptest! {
+        /// Without the roots, too.
+        #[test]
+        fn small_angles_have_the_bits_of_the_whole_formula(mantissa in 1.0..2.0f64, exponent in 20..560i32, negative in any::<bool>()) {
+            let cotangent = libm::ldexp(if negative { -mantissa } else { mantissa }, exponent);
+            let tangent = 1.0_f64.copysign(cotangent) / (cotangent.abs() + (cotangent * cotangent + 1.0).sqrt());
+            let cosine = 1.0 / (tangent * tangent + 1.0).sqrt();
+            let found = angle(cotangent);
+            prop_assert_eq!((found.0.to_bits(), found.1.to_bits()), (tangent.to_bits(), cosine.to_bits()));
+        }
+
         /// Also with equal eigenvalues, and with a stiffness that is 1e6 times another.
         #[test]
         fn eigenvectors_are_orthonormal_and_scaled_by_their_eigenvalues(
