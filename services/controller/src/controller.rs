@@ -188,7 +188,7 @@ impl Controller {
                     self.answer(slot, estimate, target.as_ref(), authority.period_s)
                 }
             };
-            self.answered[slot] = Some(AnsweredEstimate { estimate: *estimate, epoch, segment, answer });
+            keep(&mut self.answered[slot], estimate, epoch, segment, answer);
             let Some(answer) = answer else { continue };
             for (i, velocity) in answer.velocities_m_s.iter().enumerate() {
                 command.velocity_m_s[8 * slot + i] = *velocity;
@@ -229,6 +229,11 @@ impl Controller {
         inputs.estimates.map(|estimate| estimate.filter(|one| inputs.authority.is_some_and(|by| live(one, by))))
     }
 
+    /// Returns whether the last answer to a slot was for this cycle.
+    fn has_answered(&self, slot: usize, cycle: u64) -> bool {
+        self.answered[slot].as_ref().is_some_and(|last| last.estimate.header.cycle == cycle)
+    }
+
     /// Returns the estimate whose cycle is answered: the one in charge, or a newer one of the other slot if the one in
     /// charge is already answered or its cycle is over, so that an answer would be too late.
     fn to_answer<'a>(
@@ -239,8 +244,7 @@ impl Controller {
     ) -> Option<&'a NodeEstimate> {
         let done = |estimate: &NodeEstimate| {
             let cycle = estimate.header.cycle;
-            let answered = self.answered[lead].is_some_and(|last| last.estimate.header.cycle == cycle);
-            answered || cycle < authority.header.cycle
+            self.has_answered(lead, cycle) || cycle < authority.header.cycle
         };
         match (estimates[lead], estimates[1 - lead]) {
             (Some(first), Some(other)) if other.header.cycle > first.header.cycle && done(first) => Some(other),
@@ -302,7 +306,7 @@ impl Controller {
         if !led && authority.header.cycle != cycle {
             return;
         }
-        let answered = self.answered[lead].is_some_and(|last| last.estimate.header.cycle == cycle);
+        let answered = self.has_answered(lead, cycle);
         let Some(mut preview) = self.preview.take() else { return };
         preview.observe(state, authority, instant.began_ns);
         for (slot, estimate) in estimates.iter().enumerate() {
@@ -331,6 +335,7 @@ impl Controller {
     }
 
     /// Returns the target at the instant of the estimate; `None` without a motion of the present epoch.
+    #[inline]
     fn target(
         &mut self,
         message: Option<&PlanMotion>,
@@ -475,6 +480,24 @@ struct AnsweredEstimate {
     epoch: u32,
     segment: u32,
     answer: Option<Answer>,
+}
+
+/// Keeps an answer in the place of the last one: an estimate has half a kilobyte.
+#[inline]
+fn keep(
+    place: &mut Option<AnsweredEstimate>,
+    estimate: &NodeEstimate,
+    epoch: u32,
+    segment: u32,
+    answer: Option<Answer>,
+) {
+    match place {
+        Some(last) => {
+            last.estimate = *estimate;
+            (last.epoch, last.segment, last.answer) = (epoch, segment, answer);
+        }
+        None => *place = Some(AnsweredEstimate { estimate: *estimate, epoch, segment, answer }),
+    }
 }
 
 #[derive(Debug, Clone, Copy)]

@@ -1,7 +1,7 @@
 //! The motion that is followed, and what it asks for at an instant.
 
-use cable_robot::elastic::{self, Realisation};
-use cable_robot::{Motion, Setpoint, Vector3};
+use cable_robot::elastic::Realisation;
+use cable_robot::{Motion, Setpoint, Vector3, tension};
 use messages::{ControlStatus, MotorAuthority, PlanMotion, same_life};
 use segments::motion_of;
 
@@ -64,6 +64,7 @@ pub(crate) struct Target {
 
 impl Target {
     /// Returns the target of a motion at the instant of an estimate.
+    #[inline]
     pub fn at(config: &ControllerConfig, motion: &Motion, authority: &MotorAuthority, instant: &Instant) -> Self {
         let (period_s, rate) = (authority.period_s, authority.plan_rate);
         // The plan time is that of the start of the cycle; the estimate is some milliseconds later, when the encoders
@@ -86,12 +87,13 @@ impl Target {
 
 /// Returns lengths and tensions at a setpoint. If the tension limits cannot be met with acceleration and drag, returns
 /// those at rest: the planner has checked the motion, so the limits are exceeded only slightly.
+#[inline]
 pub(crate) fn realise(config: &ControllerConfig, setpoint: &Setpoint) -> Option<Realisation> {
     let ControllerConfig { robot, distribution, .. } = config;
     let moving_n = robot.moving_wrench_n(&setpoint.velocity, &setpoint.acceleration);
-    elastic::realise_under(robot, &setpoint.position, &moving_n, *distribution)
-        .or_else(|_| elastic::realise(robot, &setpoint.position, &Vector3::zeros(), *distribution))
-        .ok()
+    let held = tension::for_wrench(robot, &setpoint.position, &moving_n, *distribution)
+        .or_else(|_| tension::at(robot, &setpoint.position, &Vector3::zeros(), *distribution));
+    Some(Realisation::with_tensions(robot, &setpoint.position, held.ok()?.tensions_n))
 }
 
 /// Returns the setpoint on a plan clock that runs at `rate`: a slower motion along the same path.

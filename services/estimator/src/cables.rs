@@ -31,6 +31,7 @@ impl Cables {
 
     /// Processes the samples of a cycle: returns what is measured at its instant; `None` for a cable without a recent
     /// reading or a finite result.
+    #[inline]
     pub(crate) fn measure(
         &mut self,
         readings: &mut Readings,
@@ -40,11 +41,14 @@ impl Cables {
         let recent = readings.recent(samples, instant);
         let mut measured = self.at(samples, &recent, instant);
         for (at, recent) in measured.iter_mut().zip(recent) {
-            *at = at.filter(|at| recent && at.length_m.is_finite() && at.velocity_m_s.is_finite());
+            if !at.as_ref().is_some_and(|at| recent && at.length_m.is_finite() && at.velocity_m_s.is_finite()) {
+                *at = None;
+            }
         }
         measured
     }
 
+    #[inline]
     fn at(&mut self, samples: &[CableSample], recent: &[bool; CABLES], instant: &Instant) -> Measurements {
         match self {
             Self::Each(methods) => {

@@ -14,6 +14,7 @@ pub(crate) struct Readings([Option<u64>; CABLES]);
 impl Readings {
     /// Processes the samples of a cycle; returns which cables were read in it, or so shortly before its instant that a
     /// method bridges the time ([`Instant::bridges`]).
+    #[inline]
     pub(crate) fn recent(&mut self, samples: &[CableSample], instant: &Instant) -> [bool; CABLES] {
         for (read, sample) in self.0.iter_mut().zip(samples).filter(|(_, sample)| sample.length_m.is_some()) {
             *read = Some(sample.cycle);
@@ -27,6 +28,7 @@ impl Readings {
 }
 
 /// The parts of a sample of the motors, by cable; `period_s` is that of the cycle.
+#[inline]
 pub(crate) fn samples(state: &MotorState, period_s: f64) -> [CableSample; CABLES] {
     std::array::from_fn(|i| CableSample {
         cycle: state.header.cycle,

@@ -35,17 +35,20 @@ pub struct CableVec {
 
 impl CableVec {
     /// Returns `n` zeros; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    #[inline]
     pub const fn zeros(n: usize) -> Self {
         let len = if n > MAX_CABLES { MAX_CABLES } else { n };
         Self { values: [0.0; MAX_CABLES], len }
     }
 
     /// Returns the same value for each of `n` cables; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    #[inline]
     pub fn repeat(n: usize, value: f64) -> Self {
         Self::from_fn(n, |_| value)
     }
 
     /// Copies a slice of at most [`MAX_CABLES`] values.
+    #[inline]
     pub fn from_slice(values: &[f64]) -> Result<Self, TooManyCables> {
         if values.len() > MAX_CABLES {
             return Err(TooManyCables { given: values.len() });
@@ -54,6 +57,7 @@ impl CableVec {
     }
 
     /// Copies the first `n` values of a message's array; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    #[inline]
     pub fn from_array8(values: &[f64; MAX_CABLES], n: usize) -> Self {
         Self::from_fn(n, |i| values[i])
     }
@@ -68,6 +72,7 @@ impl CableVec {
     }
 
     /// Computes the value of each of `n` cables from its index; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    #[inline]
     pub fn from_fn(n: usize, mut value: impl FnMut(usize) -> f64) -> Self {
         let mut result = Self::zeros(n);
         for i in 0..result.len {
@@ -96,31 +101,37 @@ impl CableVec {
     }
 
     /// Applies a function to every value.
+    #[inline]
     pub fn map(&self, mut f: impl FnMut(f64) -> f64) -> Self {
         Self::from_fn(self.len, |i| f(self.values[i]))
     }
 
     /// Applies a function to every value and the value of the same cable in `other`; as long as the shorter of the two.
+    #[inline]
     pub fn zip_map(&self, other: &[f64], mut f: impl FnMut(f64, f64) -> f64) -> Self {
         Self::from_fn(self.len.min(other.len()), |i| f(self.values[i], other[i]))
     }
 
     /// Sum of the values.
+    #[inline]
     pub fn sum(&self) -> f64 {
         self.iter().sum()
     }
 
     /// Sum of the squares.
+    #[inline]
     pub fn norm_squared(&self) -> f64 {
         self.iter().map(|v| v * v).sum()
     }
 
     /// Largest magnitude; NaN if any value is NaN.
+    #[inline]
     pub fn max_abs(&self) -> f64 {
         self.iter().fold(0.0, |m: f64, v| if v.is_nan() || m.is_nan() { f64::NAN } else { m.max(v.abs()) })
     }
 
     /// True if every value is finite.
+    #[inline]
     pub fn is_finite(&self) -> bool {
         self.iter().all(|v| v.is_finite())
     }
@@ -128,12 +139,14 @@ impl CableVec {
 
 impl Deref for CableVec {
     type Target = [f64];
+    #[inline]
     fn deref(&self) -> &[f64] {
         &self.values[..self.len]
     }
 }
 
 impl DerefMut for CableVec {
+    #[inline]
     fn deref_mut(&mut self) -> &mut [f64] {
         &mut self.values[..self.len]
     }

@@ -33,6 +33,7 @@ const MAX_ITERATIONS: usize = 100;
 
 /// Unstretched (measured) lengths of cables with these tensions, m, for the node at a position with these straight-line
 /// lengths; as many as the robot has cables.
+#[inline]
 pub fn unstretched(robot: &Robot, position: &Vector3<f64>, lengths_m: &[f64], tensions_n: &[f64]) -> CableVec {
     let routed = robot.routed_length_m();
     CableVec::from_fn(routed.len().min(lengths_m.len()).min(tensions_n.len()), |i| {
@@ -106,10 +107,18 @@ pub fn realise_under(
     wrench_n: &Vector3<f64>,
     distribution: Distribution,
 ) -> Result<Realisation, TensionError> {
-    let tensions_n = tension::for_wrench(robot, position, wrench_n, distribution)?.tensions_n;
-    let lengths_m = inverse_kinematics(robot.anchors(), position);
-    let unstretched_m = unstretched(robot, position, &lengths_m, &tensions_n);
-    Ok(Realisation { unstretched_m, lengths_m, tensions_n })
+    let held = tension::for_wrench(robot, position, wrench_n, distribution)?;
+    Ok(Realisation::with_tensions(robot, position, held.tensions_n))
+}
+
+impl Realisation {
+    /// The lengths of cables with these tensions, N, to a position, m.
+    #[inline]
+    pub fn with_tensions(robot: &Robot, position: &Vector3<f64>, tensions_n: CableVec) -> Self {
+        let lengths_m = inverse_kinematics(robot.anchors(), position);
+        let unstretched_m = unstretched(robot, position, &lengths_m, &tensions_n);
+        Self { unstretched_m, lengths_m, tensions_n }
+    }
 }
 
 /// Error of the elastic equilibrium.

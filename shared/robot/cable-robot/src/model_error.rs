@@ -14,13 +14,17 @@ use crate::calibrated::{LengthGradient, RADIUS, SCALE};
 use crate::elastic::Equilibrium;
 use crate::modes::{stiffness_at_n_m, stiffness_n_m};
 use crate::uncertainty::{COMMON, LengthErrors};
-use crate::{CableVec, NodeJacobian, Robot, Uncertainty, linalg, tension};
+use crate::{CableVec, MAX_CABLES, NodeJacobian, Robot, Uncertainty, linalg, tension};
 
 /// Change of a pulley's radius with which the effect of its error is computed, m.
 const RADIUS_STEP_M: f64 = 1e-4;
 
+/// The errors at an unknown place, for any number of cables.
+static UNKNOWN: LengthErrors = LengthErrors::none(MAX_CABLES);
+
 impl Uncertainty {
     /// Computes the errors of the lengths at an equilibrium; zero for a cable without a direction there.
+    #[inline]
     pub fn length_errors(&self, robot: &Robot, at: &Equilibrium) -> LengthErrors {
         self.errors_with(robot, &at.position, &at.tensions_n, stiffness_at_n_m(robot, at))
     }
@@ -30,6 +34,7 @@ impl Uncertainty {
         self.errors_with(robot, position, tensions_n, stiffness_n_m(robot, position, tensions_n))
     }
 
+    #[inline]
     fn errors_with(
         &self,
         robot: &Robot,
@@ -67,6 +72,7 @@ impl Uncertainty {
     }
 
     /// The same for errors at a position with this sensitivity to the lengths.
+    #[inline]
     pub fn covariance_of(
         &self,
         robot: &Robot,
@@ -74,8 +80,7 @@ impl Uncertainty {
         sensitivity: &NodeJacobian,
         zero: Option<&LengthErrors>,
     ) -> Matrix3<f64> {
-        let unknown = LengthErrors::none(robot.cable_count());
-        let zero = zero.filter(|zero| zero.count == errors.count).unwrap_or(&unknown);
+        let zero = zero.filter(|zero| zero.count == errors.count).unwrap_or(&UNKNOWN);
         let mut sum = Matrix3::zeros();
         for (source, (here_m, there_m)) in errors.common_m.iter().zip(&zero.common_m).enumerate() {
             let mut shift_m = Vector3::zeros();
@@ -127,8 +132,7 @@ impl Uncertainty {
 fn geometry_m2(robot: &Robot, errors: &LengthErrors, sensitivity: &NodeJacobian, zero: &LengthErrors) -> Matrix3<f64> {
     let mut sum = Matrix3::zeros();
     let Some(calibrated) = robot.calibrated() else { return sum };
-    let unknown = LengthErrors::none(errors.count);
-    let zero = if calibrated.anchors_alone { &unknown } else { zero };
+    let zero = if calibrated.anchors_alone { &UNKNOWN } else { zero };
     let by = |i: usize| {
         let turned = zero.directions[i] - errors.directions[i];
         let (paid_m, by_radius) = (errors.lengths_m[i] - zero.lengths_m[i], errors.by_radius[i] - zero.by_radius[i]);

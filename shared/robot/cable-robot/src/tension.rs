@@ -36,6 +36,7 @@ pub fn at(
 
 /// Tensions of a robot at a position for any force that the cables provide together, N, within the robot's limits.
 /// Cables with weight carry half of it in addition.
+#[inline]
 pub fn for_wrench(
     robot: &Robot,
     position: &Vector3<f64>,

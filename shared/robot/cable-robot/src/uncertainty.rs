@@ -61,10 +61,10 @@ pub struct LengthErrors {
 }
 
 impl LengthErrors {
-    pub(crate) fn none(count: usize) -> Self {
+    pub(crate) const fn none(count: usize) -> Self {
         Self {
             count,
-            directions: [Vector3::zeros(); MAX_CABLES],
+            directions: [Vector3::new(0.0, 0.0, 0.0); MAX_CABLES],
             lengths_m: [0.0; MAX_CABLES],
             by_radius: [0.0; MAX_CABLES],
             common_m: [[0.0; MAX_CABLES]; COMMON],

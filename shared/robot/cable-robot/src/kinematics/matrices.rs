@@ -20,41 +20,22 @@ pub struct Jacobian {
 impl Jacobian {
     /// Computes J at a position. Fails where the direction of a cable is undefined: at an anchor, inside the wheel of
     /// a pulley, and on its axis.
+    #[inline]
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
         let mut rows = [Vector3::zeros(); MAX_CABLES];
-        if rows_by_pairs(anchors, position, &mut rows) {
-            return Ok(Self { rows, len: anchors.len(), planar: anchors.is_planar() });
-        }
-        for (i, (row, anchor)) in rows.iter_mut().zip(anchors.iter()).enumerate() {
-            let pulley = anchors.pulley(i);
-            if pulley.radius_m != 0.0 {
-                *row = pulley
-                    .direction(position)
-                    .map_err(|why| KinematicsError::without_direction(why, i, &pulley, position))?;
-                continue;
-            }
-            // The order of these operations decides the last bit, on which the replay of recorded runs depends.
-            let mut d = position - anchor;
-            if anchors.is_planar() {
-                d.y = 0.0;
-            }
-            let length = d.norm();
-            // Also false for NaN.
-            if !(length >= 1e-9 && length.is_finite()) {
-                return Err(KinematicsError::singular(position));
-            }
-            *row = d * (1.0 / length);
-        }
+        fill_rows(anchors, position, &mut rows)?;
         Ok(Self { rows, len: anchors.len(), planar: anchors.is_planar() })
     }
 
     /// Cable velocities dL/dt for a node velocity, m/s.
+    #[inline]
     pub fn cable_velocity(&self, node_velocity_m_s: &Vector3<f64>) -> CableVec {
         CableVec::from_fn(self.len, |i| self.rows[i].dot(node_velocity_m_s))
     }
 
     /// B: the inverse for as many cables as directions and the pseudo-inverse for more; None if the rank is below the
     /// number of directions.
+    #[inline]
     pub fn node_jacobian(&self) -> Option<NodeJacobian> {
         let Self { len, planar, .. } = *self;
         linalg::pseudo_inverse(self, planar).map(|columns| NodeJacobian { columns, len, planar })
@@ -68,6 +49,38 @@ impl Jacobian {
         }
         StructureMatrix { columns, len: self.len, planar: self.planar }
     }
+}
+
+/// Computes the rows of J in place: results of this size are copied where they are passed on.
+fn fill_rows(
+    anchors: &Anchors,
+    position: &Vector3<f64>,
+    rows: &mut [Vector3<f64>; MAX_CABLES],
+) -> Result<(), KinematicsError> {
+    if rows_by_pairs(anchors, position, rows) {
+        return Ok(());
+    }
+    for (i, (row, anchor)) in rows.iter_mut().zip(anchors.iter()).enumerate() {
+        let pulley = anchors.pulley(i);
+        if pulley.radius_m != 0.0 {
+            *row = pulley
+                .direction(position)
+                .map_err(|why| KinematicsError::without_direction(why, i, &pulley, position))?;
+            continue;
+        }
+        // The order of these operations decides the last bit, on which the replay of recorded runs depends.
+        let mut d = position - anchor;
+        if anchors.is_planar() {
+            d.y = 0.0;
+        }
+        let length = d.norm();
+        // Also false for NaN.
+        if !(length >= 1e-9 && length.is_finite()) {
+            return Err(KinematicsError::singular(position));
+        }
+        *row = d * (1.0 / length);
+    }
+    Ok(())
 }
 
 /// Computes the rows two by two. False for a robot that has both eyes and pulleys, and if a cable has no direction.
@@ -130,6 +143,7 @@ impl NodeJacobian {
     }
 
     /// Node velocity for cable velocities dL/dt, m/s; their least-squares fit for more cables than directions.
+    #[inline]
     pub fn node_velocity(&self, cable_velocity_m_s: &[f64]) -> Vector3<f64> {
         self.iter().zip(cable_velocity_m_s).fold(Vector3::zeros(), |sum, (c, v)| sum + c * *v)
     }
@@ -175,8 +189,14 @@ impl StructureMatrix {
     }
 
     /// Computes Λ at a position.
+    #[inline]
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
-        Ok(Jacobian::at(anchors, position)?.structure_matrix())
+        let mut columns = [Vector3::zeros(); MAX_CABLES];
+        fill_rows(anchors, position, &mut columns)?;
+        for c in &mut columns {
+            *c = -*c;
+        }
+        Ok(Self { columns, len: anchors.len(), planar: anchors.is_planar() })
     }
 
     /// Force of these tensions on the node, N.
