@@ -272,7 +272,7 @@ impl Estimator {
         // last cycle suffices.
         let wrench_n = self.config.robot.moving_wrench_n(&self.velocity_m_s, &Vector3::zeros());
         let found = elastic::equilibrium_under(&self.config.robot, lengths_m, &wrench_n, self.position.as_ref());
-        let Ok(found) = found else { return };
+        let Ok(found) = &found else { return };
         let velocity = found.sensitivity.node_velocity(velocity_m_s);
         let swing = self.swing.step(
             &self.config.robot,
@@ -280,12 +280,12 @@ impl Estimator {
                 instant_ns: estimate.header.stamp_ns,
                 position_m: found.position,
                 velocity_m_s: velocity,
-                stiffness_n_m: stiffness_at_n_m(&self.config.robot, &found),
+                stiffness_n_m: stiffness_at_n_m(&self.config.robot, found),
             },
         );
         let (robot, zero) = (&self.config.robot, self.zero.errors.as_ref());
         let covariance =
-            found.covariance(sigma_m) + robot.uncertainty().covariance_m2(robot, &found, zero) + swing.covariance_m2;
+            found.covariance(sigma_m) + robot.uncertainty().covariance_m2(robot, found, zero) + swing.covariance_m2;
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         if !(finite(&found.position) && finite(&velocity) && covariance.iter().all(|x| x.is_finite())) {
             return;
@@ -299,7 +299,7 @@ impl Estimator {
             }
         }
         estimate.tension_n = found.tensions_n.to_array8();
-        estimate.residual_m = self.residual_m(&found, lengths_m);
+        estimate.residual_m = self.residual_m(found, lengths_m);
         estimate.swing_m = swing.amplitude_m;
         for (flag, slack) in estimate.slack.iter_mut().zip(found.slack) {
             *flag = u8::from(slack);
