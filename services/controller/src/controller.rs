@@ -307,7 +307,7 @@ impl Controller {
             return;
         }
         let answered = self.has_answered(lead, cycle);
-        let Some(mut preview) = self.preview.take() else { return };
+        let Some(preview) = &mut self.preview else { return };
         preview.observe(state, authority, instant.began_ns);
         for (slot, estimate) in estimates.iter().enumerate() {
             let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) else { continue };
@@ -331,7 +331,6 @@ impl Controller {
                 }
             });
         }
-        self.preview = Some(preview);
     }
 
     /// Returns the target at the instant of the estimate; `None` without a motion of the present epoch.
