@@ -13,8 +13,8 @@ use std::process::{Child, ChildStderr, ChildStdout, Stdio};
 
 /// Time between the samples of two ways, ns: all fall asleep in between.
 const SLOT_NS: u64 = 1_000_000;
-/// Time between two samples of a row, ns: longer than the slowest way takes, and the memory that it uses is still in the
-/// cache of the processor.
+/// Time between two samples of a row, ns: longer than the slowest way takes, and the memory that it uses is still in
+/// the cache of the processor.
 const GAP_NS: u64 = 500_000;
 /// Time until the schedule begins, ns.
 const HEAD_START_NS: u64 = 200_000_000;
