@@ -140,6 +140,9 @@ fn in_folder(plan: Plan, place: &Path) -> Result<()> {
             Err(error) => eprintln!("{name} is left out: {error:#}"),
         }
     }
+    if cfg!(not(feature = "cyclone")) {
+        eprintln!("Cyclone DDS is left out: this program was built without `cyclone`, which needs cmake and libclang");
+    }
     let slot_ns = SLOT_NS.max(GAP_NS * row);
     let period_ns = slot_ns * all.len() as u64;
     let begin_ns = time_ns(ClockId::Monotonic) + HEAD_START_NS;

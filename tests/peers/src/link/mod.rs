@@ -1,5 +1,7 @@
 //! The ways from one process to another.
 
+#[cfg(feature = "cyclone")]
+mod cyclone;
 #[cfg(feature = "dds")]
 mod dds;
 mod plain;
@@ -52,6 +54,9 @@ pub enum Way {
     /// A DDS in Rust, best effort.
     #[cfg(feature = "dds")]
     Dds,
+    /// Cyclone DDS over UDP, best effort.
+    #[cfg(feature = "cyclone")]
+    Cyclone,
 }
 
 impl Way {
@@ -69,6 +74,8 @@ impl Way {
         (Way::Zmq, "ZeroMQ"),
         #[cfg(feature = "dds")]
         (Way::Dds, "Dust DDS"),
+        #[cfg(feature = "cyclone")]
+        (Way::Cyclone, "Cyclone DDS over UDP"),
     ];
 
     /// Returns the way of a name.
@@ -92,6 +99,8 @@ impl Way {
             Way::Zmq => Box::new(zmq_link::ZmqSender::open(&paths_of(place, "zmq")?)?),
             #[cfg(feature = "dds")]
             Way::Dds => Box::new(dds::DdsSender::open()?),
+            #[cfg(feature = "cyclone")]
+            Way::Cyclone => Box::new(cyclone::CycloneSender::open()?),
         })
     }
 
@@ -115,6 +124,8 @@ impl Way {
             Way::Zmq => Box::new(zmq_link::ZmqReceiver::open(&path_of(place, "zmq", number))?),
             #[cfg(feature = "dds")]
             Way::Dds => Box::new(dds::DdsReceiver::open()?),
+            #[cfg(feature = "cyclone")]
+            Way::Cyclone => Box::new(cyclone::CycloneReceiver::open()?),
         })
     }
 }
