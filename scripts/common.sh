@@ -315,7 +315,7 @@ check_dependencies() {
     deny() { "$deny" --log-level error --config "$PWD/deny.toml" "$@"; }
     deny check --hide-inclusion-graph bans licenses sources
     for workspace in services/page services/viewer tests/benchmarks tests/peers; do
-        deny --manifest-path $workspace/Cargo.toml check --hide-inclusion-graph licenses sources
+        deny --all-features --manifest-path $workspace/Cargo.toml check --hide-inclusion-graph licenses sources
     done
     # A download that failed leaves a folder without content.
     if compgen -G "${CARGO_HOME:-$HOME/.cargo}/advisory-dbs/*/.git/HEAD" >/dev/null; then
