@@ -9,8 +9,8 @@ const SWEEPS: usize = 30;
 const ROUNDING: f64 = 1e-32;
 
 /// Cotangent above which the square of the tangent is lost beside 1, and 1 beside the square of the cotangent, whose
-/// root is the cotangent again: without the roots and a quotient, each of which waits for the one before, a rotation has
-/// the same bits. The last sweep has such angles.
+/// root is the cotangent again. A rotation has the same bits without the two roots and a quotient, each of which waits
+/// for the one before.
 const STEEP: f64 = 134_217_728.0;
 
 /// Cotangent below which its square does not overflow.
