@@ -11,7 +11,7 @@ use thiserror::Error;
 
 use crate::kinematics::{Jacobian, inverse_kinematics};
 use crate::motor::DriveLoad;
-use crate::path::{Path, PathPoint};
+use crate::path::{Path, PathPoint, Walk};
 use crate::profile::{Profile, slope, speed_between};
 use crate::tension::{TensionError, Violation};
 use crate::{CableVec, Contact, Distribution, Robot, elastic, tension};
@@ -67,10 +67,15 @@ impl Segment {
 
     /// Computes the setpoint at a plan time, s; before the start and after the end it rests there.
     pub fn setpoint(&self, plan_time_s: f64) -> Setpoint {
+        self.setpoint_on(&mut self.path.walk(), plan_time_s)
+    }
+
+    /// [`Segment::setpoint`] on a walk along the path.
+    pub(crate) fn setpoint_on(&self, walk: &mut Walk, plan_time_s: f64) -> Setpoint {
         let t = plan_time_s - self.start_s;
         let along = self.profile.at(t);
-        let point = self.path.at(along.s_m);
-        let at_rest = !(t >= 0.0 && t <= self.profile.duration()) || self.path.length() == 0.0;
+        let point = walk.at(along.s_m);
+        let at_rest = !(t >= 0.0 && t <= self.profile.duration()) || self.profile.length() == 0.0;
         let (velocity, acceleration) = derivatives(&point, along.v_m_s, along.a_m_s2);
         Setpoint { position: point.position, velocity, acceleration, segment_id: self.id, path_s_m: along.s_m, at_rest }
     }
@@ -116,8 +121,9 @@ impl Segment {
         }
         let mut report = Report::new(robot, self.profile.duration());
         let mut previous = self.path.start();
+        let mut walk = self.path.walk();
         let mut sample = |s_m: f64, v: f64, a: f64| {
-            let point = self.path.at(s_m);
+            let point = walk.at(s_m);
             let refuse = |cause| Refusal { position: point.position, path_s_m: s_m, cause };
             check_pose(robot, distribution, &point, v, a, &previous, &mut report).map_err(refuse)?;
             previous = point.position;

@@ -11,7 +11,7 @@ mod shapes;
 pub use lateral::{Bow, BowPoint, HARMONICS, Lateral};
 pub use shapes::{Line, Parabola, PathPoint, Spiral};
 
-use curves::invert;
+use curves::Slopes;
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -167,6 +167,25 @@ impl Path {
         self.at(s_m).curvature.norm()
     }
 
+    /// Returns the path for many of its points in their order.
+    pub fn walk(&self) -> Walk<'_> {
+        let slopes = if let Self::Parabola(parabola) = self { Slopes::new(parabola) } else { None };
+        Walk { path: self, slopes }
+    }
+
+    /// Spreads samples over the path, two or more: rising arc lengths from the start to the end, m, and curvatures there,
+    /// 1/m. Those of a parabola are closest together where it turns fastest, and its sharpest point is one of them.
+    pub(crate) fn sample(&self, arc_lengths_m: &mut [f64], curvatures: &mut [f64]) {
+        if let Self::Parabola(parabola) = self {
+            return parabola.sample(arc_lengths_m, curvatures);
+        }
+        let (length_m, last) = (self.length(), arc_lengths_m.len() - 1);
+        for (i, (s_m, curvature)) in arc_lengths_m.iter_mut().zip(curvatures).enumerate() {
+            *s_m = length_m * i as f64 / last as f64;
+            *curvature = self.curvature(*s_m);
+        }
+    }
+
     /// Start position, m.
     pub fn start(&self) -> Vector3<f64> {
         match self {
@@ -214,6 +233,23 @@ impl Path {
             Self::Parabola(p) => p.mu_per_m == 0.0,
             Self::Spiral(_) => false,
             Self::Lateral(l) => l.is_straight(),
+        }
+    }
+}
+
+/// A path on which a point is found faster near the one before. To the last bits, it is that of [`Path::at`].
+#[derive(Debug, Clone, Copy)]
+pub struct Walk<'a> {
+    path: &'a Path,
+    slopes: Option<Slopes>,
+}
+
+impl Walk<'_> {
+    /// Position, tangent and curvature at an arc length, m, as [`Path::at`].
+    pub fn at(&mut self, s_m: f64) -> PathPoint {
+        match &mut self.slopes {
+            Some(slopes) => slopes.point(s_m),
+            None => self.path.at(s_m),
         }
     }
 }
@@ -303,6 +339,20 @@ mod tests {
             let (coarse, fine) = (chords(500), chords(1000));
             let extrapolated = fine + (fine - coarse) / 3.0;
             prop_assert!((extrapolated - path.length()).abs() < 1e-5 * path.length(), "{extrapolated} {}", path.length());
+        }
+
+        #[test]
+        fn a_walk_is_the_same_path(path in paths(), steps in proptest::collection::vec(-0.1..1.1f64, 1..20), near in any::<bool>()) {
+            let length = path.length();
+            let mut walk = path.walk();
+            for (i, step) in steps.iter().enumerate() {
+                // Small steps back and forth, and leaps.
+                let s = length * if near { 0.05 * i as f64 + 0.01 * step } else { *step };
+                let (there, at) = (walk.at(s), path.at(s));
+                prop_assert!((there.position - at.position).norm() < 1e-12 * (1.0 + length));
+                prop_assert!((there.tangent - at.tangent).norm() < 1e-11);
+                prop_assert!((there.curvature - at.curvature).norm() < 1e-10 * (1.0 + at.curvature.norm()));
+            }
         }
 
         #[test]

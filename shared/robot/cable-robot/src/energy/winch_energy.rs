@@ -141,13 +141,14 @@ impl WinchEnergy<'_> {
             total.add(&self.instant(&path.start(), &Vector3::zeros(), &self.wrench_n)?, duration_s);
         }
         let mut from_s = 0.0;
+        let mut walk = path.walk();
         for pair in knots.windows(2) {
             let to_s = profile.time_at(pair[1].s_m);
             let pieces = 2 * (1 + (0.5 * intervals as f64 * (to_s - from_s) / duration_s) as usize);
             for i in 0..=pieces {
                 // Each piece has its own acceleration: evaluate its ends just inside the piece.
                 let inside = (i as f64 / pieces as f64).clamp(1e-9, 1.0 - 1e-9);
-                let setpoint = segment.setpoint(from_s + (to_s - from_s) * inside);
+                let setpoint = segment.setpoint_on(&mut walk, from_s + (to_s - from_s) * inside);
                 let wrench = self.wrench_n + setpoint.acceleration * mass_kg;
                 let instant = self.instant(&setpoint.position, &setpoint.velocity, &wrench)?;
                 total.add(&instant, weight(i, pieces) * (to_s - from_s) / (3.0 * pieces as f64));

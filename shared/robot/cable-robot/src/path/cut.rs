@@ -1,6 +1,6 @@
 //! The remainder of a path from a given arc length.
 
-use super::{Parabola, Path, SHORTEST_M, Spiral, invert};
+use super::{Parabola, Path, SHORTEST_M, Spiral};
 
 /// Smallest number of turns of a spiral that [`Path::check`] accepts.
 const LEAST_TURNS: f64 = 0.01;
@@ -44,11 +44,7 @@ impl Path {
 impl Spiral {
     fn rest_from(&self, s_m: f64) -> Option<Self> {
         let ((growth, rise), end) = (self.rates(), self.angle());
-        let speed = |theta: f64| {
-            let radius_m = self.start_radius_m + growth * theta;
-            libm::sqrt(radius_m * radius_m + growth * growth + rise * rise)
-        };
-        let theta = invert(|t| self.arc_length(t), speed, s_m, self.arc_length(end), end);
+        let theta = self.angle_at(s_m);
         let mut centre = self.centre;
         centre.z += rise * theta;
         let left = (end - theta) / (2.0 * std::f64::consts::PI);
