@@ -7,9 +7,9 @@ use crate::motion::ACCELERATION_EXCESS;
 use crate::profile::{slope, speed_between};
 use crate::{Distribution, Path, Profile, Robot, tension};
 
-/// Parts of a path at whose ends a shaped profile is compared with the limit of the acceleration: as many as those of
-/// the samples by which it was planned.
-const SAMPLES: f64 = 511.0;
+/// Samples of a path at which a shaped profile is compared with the limit of the acceleration: as many as those by which
+/// it was planned.
+const SAMPLES: usize = 512;
 
 /// Returns the profile, shaped where its accelerations would make the node swing by more than the limit, m.
 pub fn shaped(robot: &Robot, distribution: Distribution, path: &Path, profile: Profile, limit_m: f64) -> Profile {
@@ -43,23 +43,32 @@ fn swing_period_s(
 }
 
 /// On a curved path the copies of a profile reach a bend at other times, and their mean passes it faster than a profile
-/// that slows down there. A bend may be much shorter than the distance of the samples, so its sharpest point is one.
+/// that slows down there.
 fn keeps_limit(robot: &Robot, path: &Path, profile: &Profile) -> bool {
     if path.is_straight() {
         return true;
     }
     let limit_m_s2 = robot.acceleration_limit_m_s2() * ACCELERATION_EXCESS;
-    let step_m = path.length() / SAMPLES;
+    let within = |across_m_s2: f64, along_m_s2: f64| {
+        across_m_s2 * across_m_s2 + along_m_s2 * along_m_s2 <= limit_m_s2 * limit_m_s2
+    };
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    let fastest_m_s = largest(&mut profile.knots().iter().map(|knot| knot.v_m_s));
+    let steepest_m_s2 = largest(&mut profile.knots().windows(2).map(|pair| slope(pair[0], pair[1]).abs()));
+    if path.greatest_curvature().is_some_and(|curvature| within(fastest_m_s * fastest_m_s * curvature, steepest_m_s2)) {
+        return true;
+    }
+    let (mut arc_lengths_m, mut curvatures) = ([0.0; SAMPLES], [0.0; SAMPLES]);
+    path.sample(&mut arc_lengths_m, &mut curvatures);
     profile.knots().windows(2).all(|pair| {
         let (from, to) = (pair[0], pair[1]);
         let along_m_s2 = slope(from, to);
-        let keeps = |s_m: f64| {
+        let keeps = |s_m: f64, curvature: f64| {
             let v_m_s = speed_between(from, to, s_m);
-            libm::hypot(v_m_s * v_m_s * path.curvature(s_m), along_m_s2) <= limit_m_s2
+            within(v_m_s * v_m_s * curvature, along_m_s2)
         };
-        let count = ((to.s_m - from.s_m) / step_m).ceil().max(1.0);
-        let evenly = (0..=count as usize).map(|i| from.s_m + (to.s_m - from.s_m) * (i as f64 / count));
-        let sharpest = path.sharpest_m().filter(|s_m| (from.s_m..=to.s_m).contains(s_m));
-        evenly.chain(sharpest).all(keeps)
+        let [first, end] = [from.s_m, to.s_m].map(|knot_m| arc_lengths_m.partition_point(|s_m| *s_m < knot_m));
+        [from.s_m, to.s_m].iter().all(|s_m| keeps(*s_m, path.curvature(*s_m)))
+            && (first..end).all(|i| keeps(arc_lengths_m[i], curvatures[i]))
     })
 }

@@ -6,6 +6,9 @@ use crate::path::Path;
 /// Samples of a curved path. With these a spiral of three turns has a sample every 2 degrees.
 const SAMPLES: usize = 512;
 
+/// Samples of a parabola, which turns by less than half a circle and has most of its samples where it turns.
+const PARABOLA_SAMPLES: usize = 256;
+
 /// Shares of the acceleration limit available to curvature, tried in this order. With 0.8 across, 0.6 remain along the
 /// path everywhere (0.8² + 0.6² = 1), so that a profile can always brake before a curve. Lower shares leave more room
 /// between the profile and the limit and so need fewer knots.
@@ -90,6 +93,8 @@ pub(super) fn straight(length: f64, limits: &ProfileLimits) -> Result<Profile, P
 
 /// A sampled curved path: curvature at each sample, and v² of the profile.
 struct Samples {
+    /// Index of the last one.
+    last: usize,
     s: [f64; SAMPLES],
     /// Largest curvature around each sample, 1/m.
     curvature: [f64; SAMPLES],
@@ -99,31 +104,38 @@ struct Samples {
 
 impl Samples {
     fn new(path: &Path, length: f64) -> Self {
-        let mut samples = Self { s: [0.0; SAMPLES], curvature: [0.0; SAMPLES], w: [0.0; SAMPLES] };
-        let last = SAMPLES - 1;
-        for i in 0..SAMPLES {
-            samples.s[i] = length * i as f64 / last as f64;
-        }
-        // The curvature peak of a parabola may be much narrower than the distance of samples. One sample moves there;
-        // then the curvature between two samples never exceeds the values at both.
-        if let Some(sharpest) = path.sharpest_m() {
-            let nearest = (sharpest / length * last as f64).round() as usize;
-            if (1..last).contains(&nearest) {
-                samples.s[nearest] = sharpest;
-            }
-        }
+        let is_parabola = matches!(path, Path::Parabola(_));
+        let last = if is_parabola { PARABOLA_SAMPLES } else { SAMPLES } - 1;
+        let mut samples = Self { last, s: [0.0; SAMPLES], curvature: [0.0; SAMPLES], w: [0.0; SAMPLES] };
         let mut at = [0.0; SAMPLES];
         let mut between = [0.0; SAMPLES];
-        for i in 0..SAMPLES {
-            at[i] = path.curvature(samples.s[i]);
-            between[i] = if i < last { path.curvature(0.5 * (samples.s[i] + samples.s[i + 1])) } else { at[i] };
+        path.sample(&mut samples.s[..=last], &mut at[..=last]);
+        samples.s[last] = length;
+        // The curvature of a parabola rises up to its sharpest point, which is a sample, and falls beyond: between two
+        // samples it is never above both.
+        if !is_parabola {
+            between = std::array::from_fn(|i| path.curvature(0.5 * (samples.s[i] + samples.s[(i + 1).min(last)])));
         }
         // Each sample covers the intervals on both its sides.
-        for i in 0..SAMPLES {
+        for i in 0..=last {
             let (before, after) = (i.saturating_sub(1), (i + 1).min(last));
             samples.curvature[i] = at[i].max(at[before]).max(at[after]).max(between[before]).max(between[i]);
         }
         samples
+    }
+
+    /// Time of the chord between two samples, s.
+    fn chord_s(&self, i: usize, j: usize) -> f64 {
+        2.0 * (self.s[j] - self.s[i]) / (self.w[i].sqrt() + self.w[j].sqrt())
+    }
+
+    /// Time from the start to each sample, s.
+    fn times_s(&self) -> [f64; SAMPLES] {
+        let mut times_s = [0.0; SAMPLES];
+        for k in 1..=self.last {
+            times_s[k] = times_s[k - 1] + self.chord_s(k - 1, k);
+        }
+        times_s
     }
 }
 
@@ -151,7 +163,7 @@ fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result<Profile, P
         return Err(error);
     }
     // More than MAX_KNOTS knots: use one cruise speed that fits the greatest curvature.
-    let sharpest = samples.curvature.iter().fold(0.0, |m: f64, k| m.max(*k));
+    let sharpest = samples.curvature[..=samples.last].iter().fold(0.0, |m: f64, k| m.max(*k));
     let across = ACROSS_SHARES[0] * limits.total_m_s2;
     let cruise_m_s = limits.cruise_m_s.min((across / sharpest).sqrt());
     let tangential_m_s2 = limits.tangential_m_s2.min((limits.total_m_s2 * limits.total_m_s2 - across * across).sqrt());
@@ -175,7 +187,7 @@ fn is_gentle(curvature: f64, limits: &ProfileLimits) -> bool {
 /// Computes in `w` the fastest v² whose centripetal acceleration stays below `share` of the limit and whose slope stays
 /// below the remaining tangential acceleration.
 fn speed_passes(samples: &mut Samples, limits: &ProfileLimits, share: f64) -> Result<(), ProfileError> {
-    let last = SAMPLES - 1;
+    let last = samples.last;
     let total = limits.total_m_s2;
     let ceiling = |k: f64| {
         let cruise2 = limits.cruise_m_s * limits.cruise_m_s;
@@ -185,7 +197,7 @@ fn speed_passes(samples: &mut Samples, limits: &ProfileLimits, share: f64) -> Re
         let across = k * ceiling(k);
         limits.tangential_m_s2.min((total * total - across * across).max(0.0).sqrt())
     };
-    for i in 0..SAMPLES {
+    for i in 0..=last {
         samples.w[i] = ceiling(samples.curvature[i]);
     }
     let (start2, end2) = (limits.start_m_s * limits.start_m_s, limits.end_m_s * limits.end_m_s);
@@ -228,19 +240,8 @@ fn speed_passes(samples: &mut Samples, limits: &ProfileLimits, share: f64) -> Re
 /// needs too many knots. Chords are compared with the limits, not with the sampled profile: the room that the profile
 /// leaves saves knots.
 fn reduce_to_knots(samples: &Samples, limits: &ProfileLimits) -> Option<Result<Profile, ProfileError>> {
-    let last = SAMPLES - 1;
-    let cruise2 = limits.cruise_m_s * limits.cruise_m_s * (1.0 + ROUNDING);
-    let total2 = limits.total_m_s2 * limits.total_m_s2 * (1.0 + ROUNDING);
-    let allowed = |i: usize, j: usize| {
-        let step = (samples.w[j] - samples.w[i]) / (samples.s[j] - samples.s[i]);
-        let a = 0.5 * step;
-        a.abs() <= limits.tangential_m_s2 * (1.0 + ROUNDING)
-            && (i..=j).all(|k| {
-                let w = samples.w[i] + step * (samples.s[k] - samples.s[i]);
-                let across = samples.curvature[k] * w;
-                w <= cruise2 && a * a + across * across <= total2
-            })
-    };
+    let last = samples.last;
+    let times_s = samples.times_s();
     let mut builder = Builder::new();
     let mut i = 0;
     builder.push(0.0, limits.start_m_s);
@@ -249,9 +250,14 @@ fn reduce_to_knots(samples: &Samples, limits: &ProfileLimits) -> Option<Result<P
         // would cost more time.
         let mut j = i + 1;
         let mut misses = 0;
+        let mut chords = Chords::from(samples, i, limits);
+        chords.pass(samples, i);
+        chords.pass(samples, j);
         for candidate in i + 2..=last {
-            // A long chord far below the samples would cost time: it may lose at most 1 % of the area.
-            if allowed(i, candidate) && is_fast_enough(samples, i, candidate) {
+            chords.pass(samples, candidate);
+            // A long chord far below the samples would cost time: it may take at most 1 % longer.
+            let sampled_s = times_s[candidate] - times_s[i];
+            if chords.allow(samples, candidate) && samples.chord_s(i, candidate) <= 1.01 * sampled_s {
                 j = candidate;
                 misses = 0;
             } else {
@@ -270,12 +276,54 @@ fn reduce_to_knots(samples: &Samples, limits: &ProfileLimits) -> Option<Result<P
     Some(builder.profile())
 }
 
-/// True if the chord from i to j takes at most 1 % longer than the samples between.
-fn is_fast_enough(samples: &Samples, i: usize, j: usize) -> bool {
-    let v = |k: usize| samples.w[k].sqrt();
-    let sampled: f64 = (i..j).map(|k| 2.0 * (samples.s[k + 1] - samples.s[k]) / (v(k) + v(k + 1))).sum();
-    let chord = 2.0 * (samples.s[j] - samples.s[i]) / (v(i) + v(j));
-    chord <= 1.01 * sampled
+/// Chords in v² over s from one sample, by their slope d(v²)/ds, m/s²: those that keep the limits at all samples that
+/// they pass. Each sample allows an interval of slopes, because the square of the acceleration is a convex parabola of
+/// the slope.
+struct Chords {
+    start_m: f64,
+    /// v² at the start, m²/s².
+    w: f64,
+    cruise2: f64,
+    total2: f64,
+    least: f64,
+    most: f64,
+}
+
+impl Chords {
+    fn from(samples: &Samples, i: usize, limits: &ProfileLimits) -> Self {
+        let steepest = 2.0 * limits.tangential_m_s2 * (1.0 + ROUNDING);
+        Self {
+            start_m: samples.s[i],
+            w: samples.w[i],
+            cruise2: limits.cruise_m_s * limits.cruise_m_s * (1.0 + ROUNDING),
+            total2: limits.total_m_s2 * limits.total_m_s2 * (1.0 + ROUNDING),
+            least: -steepest,
+            most: steepest,
+        }
+    }
+
+    /// Leaves those that keep the limits at this sample: v² = w + slope d below that of the cruise speed, and
+    /// (slope / 2)² + (curvature v²)² below the square of the total acceleration.
+    fn pass(&mut self, samples: &Samples, k: usize) {
+        let d = samples.s[k] - self.start_m;
+        let curvature2 = samples.curvature[k] * samples.curvature[k];
+        let square = 0.25 + curvature2 * d * d;
+        let half_linear = curvature2 * self.w * d;
+        let constant = curvature2 * self.w * self.w - self.total2;
+        // NaN, which allows nothing, if there is no such slope.
+        let root = (half_linear * half_linear - square * constant).sqrt();
+        let (low, high) = ((-half_linear - root) / square, (root - half_linear) / square);
+        self.least = if low > self.least || low.is_nan() { low } else { self.least };
+        self.most = if high < self.most || high.is_nan() { high } else { self.most };
+        if d > 0.0 {
+            self.most = self.most.min((self.cruise2 - self.w) / d);
+        }
+    }
+
+    /// True if the chord to the last sample that was passed is one of them.
+    fn allow(&self, samples: &Samples, j: usize) -> bool {
+        (self.least..=self.most).contains(&((samples.w[j] - self.w) / (samples.s[j] - self.start_m)))
+    }
 }
 
 #[cfg(test)]
@@ -298,8 +346,7 @@ mod tests {
         let profile = Profile::plan(&path, &limits).unwrap();
         let mut samples = Samples::new(&path, path.length());
         speed_passes(&mut samples, &limits, 0.8).unwrap();
-        let v = |k: usize| samples.w[k].sqrt();
-        let dense: f64 = (0..SAMPLES - 1).map(|k| 2.0 * (samples.s[k + 1] - samples.s[k]) / (v(k) + v(k + 1))).sum();
+        let dense = samples.times_s()[samples.last];
         assert!(profile.duration() < 1.03 * dense, "{} {dense}", profile.duration());
         assert!(profile.knots().len() <= 16, "{}", profile.knots().len());
         assert!(profile.knots().iter().any(|k| (k.v_m_s - 0.2).abs() < 1e-6), "cruise is reached");
