@@ -74,10 +74,10 @@ impl Motor {
 
     /// Smooth sign of the speed: tanh(v / transition).
     pub fn friction_sign(&self, reel_in_m_s: f64) -> f64 {
-        if self.transition_m_s > 0.0 {
-            libm::tanh(reel_in_m_s / self.transition_m_s)
-        } else if reel_in_m_s == 0.0 {
+        if reel_in_m_s == 0.0 {
             0.0
+        } else if self.transition_m_s > 0.0 {
+            libm::tanh(reel_in_m_s / self.transition_m_s)
         } else {
             reel_in_m_s.signum()
         }

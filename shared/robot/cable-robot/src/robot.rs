@@ -290,13 +290,19 @@ impl Robot {
     /// measured table where it covers the point, otherwise by the friction model. A drum with layers draws most current
     /// where it is full and most voltage where it is empty; both are of the length at which they are largest.
     pub fn drive_load(&self, cable: usize, tension_n: f64, reel_in_m_s: f64) -> DriveLoad {
-        let drum = self.drum(cable);
-        let [full, empty] = self.length_limits_m[cable].map(|length_m| {
-            let ratio = drum.radius_ratio(length_m);
-            let (pull_n, turn_m_s) = (tension_n * ratio, reel_in_m_s / ratio);
+        let at = |pull_n: f64, turn_m_s: f64| {
             let measured = self.motors.table(cable).map(|_| self.motors.current_of_a(cable, pull_n, turn_m_s));
             let current_a = measured.and_then(Result::ok).unwrap_or_else(|| self.motor.current_a(pull_n, turn_m_s));
             (current_a, self.motor.voltage_v(current_a, turn_m_s))
+        };
+        let drum = self.drum(cable);
+        if drum.is_bare() {
+            let (current_a, voltage_v) = at(tension_n, reel_in_m_s);
+            return DriveLoad { tension_n, reel_in_m_s, current_a, voltage_v };
+        }
+        let [full, empty] = self.length_limits_m[cable].map(|length_m| {
+            let ratio = drum.radius_ratio(length_m);
+            at(tension_n * ratio, reel_in_m_s / ratio)
         });
         let larger = |a: f64, b: f64| if a.abs() >= b.abs() { a } else { b };
         DriveLoad { tension_n, reel_in_m_s, current_a: larger(full.0, empty.0), voltage_v: larger(full.1, empty.1) }
