@@ -74,9 +74,6 @@ pub enum Method {
 /// Intervals of Simpson's rule: for the result, and for the scan.
 const INTERVALS: [usize; 2] = [64, 16];
 
-/// Step of the check along the move in the scan, m; for the result it is that of the planner.
-const SCAN_CHECK_M: f64 = 0.1;
-
 /// Returns the requested tension distribution, or the default of the robot.
 pub fn distribution(method: Option<Method>, robot: &Robot) -> Distribution {
     match method {
@@ -235,8 +232,8 @@ impl MoveCost<'_> {
         constant: impl Fn() -> Result<Cost, EnergyError>,
     ) -> Result<Cost, EnergyError> {
         let (check_step_m, intervals) = match precision {
-            Precision::Coarse => (SCAN_CHECK_M, INTERVALS[1]),
-            Precision::Fine => (self.check_step_m, INTERVALS[0]),
+            Precision::Coarse => (None, INTERVALS[1]),
+            Precision::Fine => (Some(self.check_step_m), INTERVALS[0]),
         };
         let from_rest = |limits: &ProfileLimits| {
             flight::flown(self.robot, self.winch_energy.method, path, limits, check_step_m, intervals)
@@ -245,7 +242,9 @@ impl MoveCost<'_> {
             // The path has no start and end: check it at a speed so low that the accelerations vanish.
             let slow =
                 ProfileLimits { swing_limit_m: self.limits.swing_limit_m, ..ProfileLimits::rest_to_rest(1e-3, 1e-3) };
-            from_rest(&slow)?;
+            if precision == Precision::Fine {
+                from_rest(&slow)?;
+            }
             constant()
         } else {
             from_rest(&self.limits)

@@ -39,11 +39,12 @@ const HALVED: usize = 2;
 /// Largest number of brackets through which a minimum is followed.
 const MAX_BRACKETS: usize = 10;
 
-/// Width to which a minimum is refined, as a share of its bracket; below this, a flat minimum is rounding noise.
-const BRACKET_SHARE: f64 = 2e-7;
+/// Width to which a minimum is refined, as a share of its bracket. The cost changes by about a thousandth from one
+/// point of the scan to the next, so that a minimum at a jump is found to 1e-7 of the cost, and a smooth one to less.
+const BRACKET_SHARE: f64 = 1e-4;
 
 /// Largest number of refinement steps: this many golden sections reach [`BRACKET_SHARE`].
-const MAX_SECTIONS: usize = 34;
+const MAX_SECTIONS: usize = 20;
 
 /// Bisections of the edge of an infeasible interval, to a hundredth of the distance of the scan's points.
 const EDGE_STEPS: usize = 7;
@@ -54,7 +55,7 @@ pub(super) const SCAN_INTERVALS: usize = 16;
 /// Precision of a cost evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Precision {
-    /// For the scan.
+    /// For the scan, whose low points are evaluated again: it may leave out checks of what is possible.
     Coarse,
     /// For the refinement and the result.
     Fine,
@@ -172,11 +173,11 @@ fn deepest(from: &Vector3<f64>, to: &Vector3<f64>, ground_m: Option<f64>) -> Res
 
 /// Returns the argument in 0..=`end` with the lowest value; None if every evaluated point is infinite.
 fn minimise(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Precision) -> Option<f64> {
-    let points = scanned(|mu| objective(mu, scan), end);
-    let (last, grid) = (points.len() - 1, |i: usize| points[i].0);
+    let (points, low) = scanned(objective, end, scan);
+    let (last, grid) = (points.len() - 1, |i: usize| points[i].mu);
     let mut best: Option<(f64, f64)> = None;
-    for i in low_points(&points) {
-        keep(&mut best, grid(i), objective(grid(i), Precision::Fine));
+    for i in low {
+        keep(&mut best, grid(i), points[i].value());
         // The true minimum may lie in a neighbouring interval: move the bracket as long as the result is at its end.
         let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(last));
         for _ in 0..MAX_BRACKETS {
@@ -194,9 +195,9 @@ fn minimise(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: P
     }
     // The lowest place may be beside an infeasible interval, between two points of the scan.
     for pair in points.windows(2) {
-        let (mut inside, mut outside) = match (pair[0].1.is_finite(), pair[1].1.is_finite()) {
-            (true, false) => (pair[0].0, pair[1].0),
-            (false, true) => (pair[1].0, pair[0].0),
+        let (mut inside, mut outside) = match [&pair[0], &pair[1]].map(|point| point.value().is_finite()) {
+            [true, false] => (pair[0].mu, pair[1].mu),
+            [false, true] => (pair[1].mu, pair[0].mu),
             _ => continue,
         };
         for _ in 0..EDGE_STEPS {
@@ -209,25 +210,60 @@ fn minimise(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: P
     best.map(|(mu, _)| mu)
 }
 
-/// Scans 0..=`end`: arguments in their order, with their values. Around the low points the scan is twice as dense, so
-/// that two valleys beside each other do not pass for one.
-fn scanned(mut objective: impl FnMut(f64) -> f64, end: f64) -> Vec<(f64, f64)> {
-    let mut point = |mu: f64| (mu, objective(mu));
+/// A point of the scan.
+struct Point {
+    mu: f64,
+    scanned: f64,
+    /// Its fine value, if it is known.
+    fine: Option<f64>,
+}
+
+impl Point {
+    /// The best known value.
+    fn value(&self) -> f64 {
+        self.fine.unwrap_or(self.scanned)
+    }
+
+    /// For the comparison with other points: infinite if it is known to be impossible.
+    fn rank(&self) -> f64 {
+        if self.fine == Some(f64::INFINITY) { f64::INFINITY } else { self.scanned }
+    }
+}
+
+/// Scans 0..=`end`: points in their order, and the low ones among them, which have a fine value. Around the low points
+/// the scan is twice as dense, so that two valleys beside each other do not pass for one.
+fn scanned(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Precision) -> (Vec<Point>, Vec<usize>) {
     // Squared spacing puts more points near the straight line, where the cost falls fastest. The last share is 1.
     let share = |i: usize| i as f64 / (SCAN_POINTS - 1) as f64;
-    let mut points: Vec<_> = (0..SCAN_POINTS).map(|i| point(end * share(i) * share(i))).collect();
-    let low = low_points(&points);
+    let mut points: Vec<_> = (0..SCAN_POINTS).map(|i| point(objective, end * share(i) * share(i), scan)).collect();
+    let low = possible_low_points(&mut points, objective);
     let is_near = |k: usize| low.iter().any(|i| (i.saturating_sub(HALVED)..i + HALVED).contains(&k));
     let halved: Vec<_> = (0..points.len() - 1).filter(|k| is_near(*k)).collect();
-    let between: Vec<_> = halved.iter().map(|k| point(0.5 * (points[*k].0 + points[k + 1].0))).collect();
+    let between: Vec<_> =
+        halved.iter().map(|k| point(objective, 0.5 * (points[*k].mu + points[k + 1].mu), scan)).collect();
     points.extend(between);
-    points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    points
+    points.sort_by(|a, b| a.mu.total_cmp(&b.mu));
+    let low = possible_low_points(&mut points, objective);
+    (points, low)
+}
+
+fn point(objective: &mut impl FnMut(f64, Precision) -> f64, mu: f64, scan: Precision) -> Point {
+    let scanned = objective(mu, scan);
+    Point { mu, scanned, fine: (scan == Precision::Fine).then_some(scanned) }
+}
+
+/// Low points that are possible by their fine value. Where one is not, its neighbours take its place.
+fn possible_low_points(points: &mut [Point], objective: &mut impl FnMut(f64, Precision) -> f64) -> Vec<usize> {
+    loop {
+        let low = low_points(points);
+        let Some(i) = low.iter().copied().find(|i| points[*i].fine.is_none()) else { return low };
+        points[i].fine = Some(objective(points[i].mu, Precision::Fine));
+    }
 }
 
 /// The lowest local minima among points in their order, at most [`MAX_REFINED`].
-fn low_points(points: &[(f64, f64)]) -> Vec<usize> {
-    let value = |i: usize| points.get(i).map_or(f64::INFINITY, |point| point.1);
+fn low_points(points: &[Point]) -> Vec<usize> {
+    let value = |i: usize| points.get(i).map_or(f64::INFINITY, Point::rank);
     let before = |i: usize| if i > 0 { value(i - 1) } else { f64::INFINITY };
     let is_low = |i: &usize| value(*i).is_finite() && value(*i) <= before(*i) && value(*i) <= value(i + 1);
     let mut low: Vec<_> = (0..points.len()).filter(is_low).collect();
