@@ -139,6 +139,8 @@ pub(super) struct Slopes {
     bend: f64,
     /// Horizontal distance of the end, m.
     end: f64,
+    /// Bound of the length, m: the horizontal distance, and as much height as the steepest slope gains on it.
+    longest: f64,
     /// [`arc`] of the start.
     from: f64,
     /// The last slope, and its arc length, m.
@@ -149,14 +151,9 @@ impl Slopes {
     /// None for a parabola that is nearly straight.
     pub(super) fn new(parabola: &Parabola) -> Option<Self> {
         let (start, bend, end) = (parabola.zeta(), 2.0 * parabola.mu_per_m, parabola.extent());
-        (!parabola.is_nearly_straight()).then(|| Self {
-            parabola: *parabola,
-            start,
-            bend,
-            end,
-            from: arc(start),
-            last: (start, 0.0),
-        })
+        let longest = end * (1.0 + start.abs().max((start + bend * end).abs()));
+        let (parabola, from, last) = (*parabola, arc(start), (start, 0.0));
+        (!parabola.is_nearly_straight()).then_some(Self { parabola, start, bend, end, longest, from, last })
     }
 
     /// Point at an arc length, m.
@@ -165,6 +162,7 @@ impl Slopes {
         if !(s > 0.0) {
             return self.parabola.at_x(0.0, self.start, self.end);
         }
+        let s = s.min(self.longest);
         let (before, s_before) = self.last;
         let (wanted, step) = (self.from + self.bend * s, self.bend * (s - s_before));
         let slope = if step.abs() < SMALL_CHANGE {
@@ -219,6 +217,7 @@ impl Spiral {
         if !(s > 0.0) {
             return 0.0;
         }
+        let s = s.min(end * (r0.max(self.end_radius_m) + c));
         ((c * slope_at(arc(r0 / c) + a * s / (c * c)) - r0) / a).max(0.0).min(end)
     }
 
