@@ -118,23 +118,9 @@ impl RunContext {
     /// # Errors
     /// A program does not exist.
     pub fn members(&self) -> Decision<Vec<ProcessSpec>> {
-        let mut members = Vec::new();
-        for role in [Role::Recorder, Role::MotorBox, Role::Estimator, Role::Controller, Role::Planner, Role::MotorIo] {
-            let mut sections = self.file.process.iter().filter(|process| process.start && process.role == role);
-            if role.has_slots() {
-                let sections: Vec<&ProcessSection> = sections.collect();
-                let of = |slot| sections.iter().find(|process| process.slot() == slot).copied();
-                members.push(self.member(role, Some(Slot::A), of(Slot::A), None)?);
-                if let Some(section) = of(Slot::B) {
-                    members.push(self.member(role, Some(Slot::B), Some(section), None)?);
-                }
-            } else if role != Role::MotorBox || self.file.motor_box.is_some() {
-                members.push(self.member(role, None, sections.next(), None)?);
-            }
-        }
-        for section in self.file.process.iter().filter(|process| process.start && process.role == Role::Other) {
-            members.push(self.configured(section, None)?);
-        }
+        let started = self.file.started();
+        let members = started.iter().map(|one| self.member(one.role, one.slot, one.section, None));
+        let members = members.collect::<Decision<Vec<_>>>()?;
         // Programs that `nims start` may start later must exist too.
         for section in self.file.process.iter().filter(|process| !process.start) {
             self.configured(section, None)?;

@@ -1,9 +1,7 @@
 //! `[bus]`: places in shared memory.
 
-use crate::process::{ProcessSection, Role};
 use crate::section::between;
 use crate::system_file::SystemFile;
-use messages::Slot;
 
 crate::section! {
     /// `[bus]`.
@@ -48,14 +46,7 @@ impl SystemFile {
     /// Returns the processes that the supervisor starts, if there are more than places for them.
     #[must_use]
     pub fn excess(&self) -> Option<Excess> {
-        let is_started = |process: &&ProcessSection, role| process.start && process.role == role;
-        let started = |role| self.process.iter().filter(move |process| is_started(process, role));
-        let standard = Role::STANDARD.iter().filter(|(_, role)| *role != Role::MotorBox || self.motor_box.is_some());
-        let of_role = |role: Role| {
-            let second = role.has_slots() && started(role).any(|process| process.slot() == Slot::B);
-            1 + usize::from(second)
-        };
-        let started = 1 + standard.map(|(_, role)| of_role(*role)).sum::<usize>() + started(Role::Other).count();
+        let started = 1 + self.started().len();
         let places = self.bus.processes;
         (started > places).then_some(Excess { started, places })
     }
@@ -64,6 +55,7 @@ impl SystemFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::process::ProcessSection;
     use std::path::Path;
 
     #[test]

@@ -40,6 +40,7 @@ mod recorder;
 mod robot_file;
 pub mod section;
 mod slot;
+mod started;
 mod system_file;
 pub mod toml_file;
 mod tuning;
@@ -80,6 +81,7 @@ pub use robot_file::{
     SiteSection, TablePaths,
 };
 pub use slot::{slot_argument, slot_role_argument};
+pub use started::StartedProcess;
 pub use system_file::SystemFile;
 pub use toml_file::ConfigError;
 pub use tuning::{Tunable, Tuned, tunable};
