@@ -21,6 +21,12 @@ use crate::stopped::{not_taken_up, stopped_by};
 /// three seconds.
 const TAKE_UP_NS: u64 = 5_000_000_000;
 
+/// Pause between two calls of [`Planner::step`], ns: a segment takes five times as long at least.
+const PAUSE_NS: u64 = 100_000_000;
+/// The same while something is about to change: before motor-io follows a motion, at the end of a segment, and while
+/// the robot comes to rest, ns.
+const SHORT_PAUSE_NS: u64 = 50_000_000;
+
 /// Longest wait for a map at the end of a leg, ns: one is usually published every second.
 const MAP_NS: u64 = 20_000_000_000;
 
@@ -132,6 +138,17 @@ impl Planner {
         self.status.header = header;
         self.status.mission_number = motion.mission;
         (motion, self.status)
+    }
+
+    /// Returns the pause until the next call of [`Planner::step`], ns.
+    pub fn pause_ns(&self, authority: Option<&MotorAuthority>) -> u64 {
+        let Some((flight, authority)) = self.flight.as_ref().zip(authority) else { return PAUSE_NS };
+        let at_rest = authority.mode == MotorAuthority::MODE_HOLDING;
+        let steady = at_rest || authority.mode == MotorAuthority::MODE_FOLLOWING;
+        // The plan clock advances at a rate of at most 1.
+        let until_s = authority.plan_time_s + seconds(PAUSE_NS + SHORT_PAUSE_NS);
+        let mid_segment = flight.plan.segments.get(flight.current).is_some_and(|segment| until_s < segment.end_s());
+        if flight.taken_up && steady && mid_segment { PAUSE_NS } else { SHORT_PAUSE_NS }
     }
 
     /// Returns the remaining segments, current first.

@@ -1,6 +1,6 @@
 //! Process of the planner: answers requests, publishes `plan/motion` and `plan/status`.
 
-use bus::{Bus, Subscriber, clock::now_ns};
+use bus::{Bus, Newest, clock::now_ns};
 use messages::{
     FieldMap, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanStatus, Rule, SLOT_NAMES, blended_estimate,
     newer,
@@ -11,20 +11,17 @@ use std::path::Path;
 use crate::progress::{Progress, ProgressWriter};
 use crate::{Inputs, Planner, PlannerConfig, requests};
 
-/// Period of the loop, ns: the next segment is published long before it is needed.
-const PERIOD_NS: u64 = 50_000_000;
-
 /// Map that the planner waits for, with its newest sample.
 struct Map {
     name: String,
     /// `None` if it could not be opened: the mission that waits for it ends with a reason.
-    channel: Option<Subscriber<FieldMap>>,
+    channel: Option<Newest<FieldMap>>,
     newest: Option<Box<FieldMap>>,
 }
 
 impl Map {
     fn open(bus: &Bus, name: &str) -> Self {
-        let channel = bus.subscriber(&format!("map/{name}")).inspect_err(|error| tracing::warn!("{error}")).ok();
+        let channel = bus.newest(&format!("map/{name}")).inspect_err(|error| tracing::warn!("{error}")).ok();
         Self { name: name.to_owned(), channel, newest: None }
     }
 
@@ -54,9 +51,9 @@ pub fn run(chassis: &mut Chassis, run_folder: &Path) -> anyhow::Result<()> {
     // Without it missions are flown, but cannot be continued.
     let mut keeper = ProgressWriter::start(&folder, &name).inspect_err(|error| tracing::warn!("{error}")).ok();
     let bus = chassis.bus();
-    let mut authorities = bus.subscriber::<MotorAuthority>("motor/authority")?;
-    let mut states = bus.subscriber::<MotorState>("motor/state")?;
-    let [a, b] = SLOT_NAMES.map(|slot| bus.subscriber::<NodeEstimate>(&format!("node/estimate/{slot}")));
+    let mut authorities = bus.newest::<MotorAuthority>("motor/authority")?;
+    let mut states = bus.newest::<MotorState>("motor/state")?;
+    let [a, b] = SLOT_NAMES.map(|slot| bus.newest::<NodeEstimate>(&format!("node/estimate/{slot}")));
     let mut estimates = [a?, b?];
     let mut motions = bus.publisher::<PlanMotion>("plan/motion")?;
     let mut statuses = bus.publisher::<PlanStatus>("plan/status")?;
@@ -91,29 +88,26 @@ pub fn run(chassis: &mut Chassis, run_folder: &Path) -> anyhow::Result<()> {
         }
         let map = maps.as_mut().map(Map::poll).transpose()?.flatten();
         let seen = Inputs { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref(), map };
+        chassis.pass_begin();
         let mut call = server.try_next()?;
-        if call.is_some() || now_ns() >= due_ns {
-            chassis.pass_begin();
-            // First the end of a motion that motor-io has ended: a stop and the next motion may come in one pass.
-            publish(&mut planner, &seen)?;
-            let asked = call.is_some();
-            while let Some(one) = call {
-                let (request, awaited) = (&one.request, || one.is_awaited());
-                let reason = requests::answer(&mut planner, request, awaited, run_folder, &seen);
-                tracing::info!("{reason}");
-                one.answer(&reason.answer())?;
-                call = server.try_next()?;
-            }
-            if asked {
-                publish(&mut planner, &seen)?;
-            }
-            if let Some(keeper) = &mut keeper {
-                keeper.store(planner.progress(), seen.now_ns);
-            }
-            chassis.pass_end();
-            due_ns = now_ns() + PERIOD_NS;
+        // First the end of a motion that motor-io has ended: a stop and the next motion may come in one pass.
+        publish(&mut planner, &seen)?;
+        let asked = call.is_some();
+        while let Some(one) = call {
+            let (request, awaited) = (&one.request, || one.is_awaited());
+            let reason = requests::answer(&mut planner, request, awaited, run_folder, &seen);
+            tracing::info!("{reason}");
+            one.answer(&reason.answer())?;
+            call = server.try_next()?;
         }
-        chassis.report_lost(authorities.lost() + estimates[0].lost() + estimates[1].lost());
+        if asked {
+            publish(&mut planner, &seen)?;
+        }
+        if let Some(keeper) = &mut keeper {
+            keeper.store(planner.progress(), seen.now_ns);
+        }
+        chassis.pass_end();
+        due_ns = now_ns() + planner.pause_ns(authority.as_ref());
     }
     Ok(())
 }

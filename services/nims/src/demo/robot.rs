@@ -1,7 +1,7 @@
 //! The robot of the demonstration: starts a supervisor, monitors its processes, and ends it.
 
 use crate::programs::sibling;
-use bus::{Bus, Domain, Participant, clock};
+use bus::{Bus, Domain, Newest, Participant, clock};
 use client::{RobotLink, Running, SUPERVISOR, Samples};
 use command::{Answer, Failure, StopFlag};
 use messages::{Heartbeat, MotorAuthority, ProcessState, text_of};
@@ -51,7 +51,7 @@ pub struct Robot {
     stdin: Option<ChildStdin>,
     link: RobotLink,
     stop: StopFlag,
-    authority: Samples<MotorAuthority>,
+    authority: Newest<MotorAuthority>,
     last_authority: Option<MotorAuthority>,
     table: Samples<ProcessState>,
     rows: BTreeMap<String, ProcessState>,
@@ -75,14 +75,16 @@ impl Robot {
         while Running::read(&domain).is_none_or(|running| running.pid != child.id()) {
             wait_for_start(&mut child, &stop)?;
         }
-        let link = RobotLink::from(Bus::join_as(&domain, NAME, Participant::Command)?);
+        let bus = Bus::join_as(&domain, NAME, Participant::Command)?;
+        let authority = bus.newest("motor/authority")?;
+        let link = RobotLink::from(bus);
         let mut beats = link.subscriber::<Heartbeat>(&format!("system/heartbeat/{SUPERVISOR}"))?;
         let ready = |beat: &Heartbeat| beat.state == Heartbeat::STATE_READY;
         let own = child.id();
         while beats.latest()?.is_none_or(|beat| beat.pid != own || !ready(&beat)) {
             wait_for_start(&mut child, &stop)?;
         }
-        let (authority, table) = (link.subscriber("motor/authority")?, link.subscriber("system/process")?);
+        let table = link.subscriber("system/process")?;
         Ok(Self { child, stdin, link, stop, authority, last_authority: None, table, rows: BTreeMap::new() })
     }
 

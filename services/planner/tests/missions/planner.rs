@@ -44,6 +44,37 @@ fn a_mission_is_offered_flown_and_done() {
 }
 
 #[test]
+fn a_change_is_awaited_with_shorter_pauses() {
+    let mut world = World::ready();
+    let mut planner = Planner::new(config());
+    let long_ns = planner.pause_ns(Some(&world.authority));
+    assert_eq!(planner.pause_ns(None), long_ns);
+    planner.run(&three_lines(), &world.seen()).unwrap();
+    let (motion, _) = planner.step(&world.seen());
+    let short_ns = planner.pause_ns(Some(&world.authority));
+    assert!(short_ns < long_ns, "motor-io does not follow yet");
+    let all: Vec<Segment> = planner.segments().to_vec();
+    let pause_s = long_ns as f64 * 1e-9;
+    let mut time_s = motion.current.start_s;
+    while time_s < motion.end_s + 0.3 {
+        world.follow(&motion, time_s);
+        planner.step(&world.seen());
+        let pause_ns = planner.pause_ns(Some(&world.authority));
+        // Each end of a segment is seen after a short pause.
+        let near = all.iter().any(|segment| (0.0..pause_s).contains(&(segment.end_s() - time_s)));
+        assert!(!near || pause_ns == short_ns, "{time_s} s");
+        let amid = all.iter().any(|one| one.start_s <= time_s && time_s < one.end_s() - 2.0 * pause_s);
+        assert!(!amid || pause_ns == long_ns, "{time_s} s");
+        world.authority.mode = MotorAuthority::MODE_STOPPING;
+        assert_eq!(planner.pause_ns(Some(&world.authority)), short_ns, "{time_s} s");
+        time_s += 0.01;
+    }
+    (world.authority.mode, world.authority.motion) = (MotorAuthority::MODE_HOLDING, 0);
+    planner.step(&world.seen());
+    assert_eq!(planner.pause_ns(Some(&world.authority)), long_ns, "the mission is done");
+}
+
+#[test]
 fn every_missing_condition_is_answered_with_its_cure() {
     type Spoil = fn(&mut World);
     let cases: &[(Reason, Spoil)] = &[

@@ -108,7 +108,7 @@ impl Bus {
         self.subscriber_with(channel, usize::MAX)
     }
 
-    fn subscriber_with<T: Payload>(&self, channel: &str, depth: usize) -> Result<Subscriber<T>, BusError> {
+    pub(crate) fn subscriber_with<T: Payload>(&self, channel: &str, depth: usize) -> Result<Subscriber<T>, BusError> {
         let service: PubSub<ShmSample<T>> = self.open_typed(channel)?;
         let late = quality_for(channel, size_of::<T>()).late;
         let made = service.static_config();

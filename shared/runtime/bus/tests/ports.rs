@@ -74,6 +74,24 @@ fn a_slow_subscriber_loses_the_oldest_samples_and_counts_them() {
 }
 
 #[test]
+fn the_newest_sample_is_received_once_however_many_were_published() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut publisher = bus.publisher::<MotorState>("motor/state").unwrap();
+    let mut send = |count: u64| (0..count).for_each(|_| assert!(publisher.send(&mut MotorState::default()).is_ok()));
+    send(2);
+    let mut newest = bus.newest::<MotorState>("motor/state").unwrap();
+    let mut seq = || newest.latest().unwrap().map(|state| state.header.seq);
+    for (count, expected) in [(1, Some(3)), (0, None), (1, Some(4)), (2000, Some(2004)), (0, None), (7, Some(2011))] {
+        send(count);
+        assert_eq!(seq(), expected, "after {count} samples");
+    }
+    let mut whole = bus.subscriber::<MotorState>("motor/state").unwrap();
+    send(3);
+    assert_eq!((seq(), whole.latest().unwrap().map(|state| state.header.seq)), (Some(2014), Some(2014)));
+}
+
+#[test]
 fn a_late_subscriber_receives_the_history_and_counts_no_loss() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();

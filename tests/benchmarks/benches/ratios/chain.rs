@@ -21,7 +21,7 @@ use crate::random::Random;
 /// Cycles of the flight: ten seconds, most of them in motion.
 const CYCLES: usize = 1000;
 
-/// Cycles between two steps of the planner: its process asks it 20 times a second.
+/// Cycles between two steps of the planner: its process asks it at most 20 times a second.
 const PLANNER_CYCLES: u64 = 5;
 
 /// The part of the chain that computes between the readings of a cycle and its command, and its goal, ns: a thousandth
