@@ -22,6 +22,8 @@ const LOOKED_NS: u64 = 250_000_000;
 pub struct Heartbeats {
     records: BTreeMap<String, HeartbeatRecord>,
     awake: AwakeClock,
+    /// The scheduling of a process was examined in the last poll.
+    suspects: bool,
 }
 
 struct HeartbeatRecord {
@@ -104,6 +106,12 @@ impl Heartbeats {
         self.records.remove(name);
     }
 
+    /// Returns whether a process has been silent for so long that its scheduling is examined.
+    #[must_use]
+    pub fn suspects(&self) -> bool {
+        self.suspects
+    }
+
     /// Receives the heartbeats and returns the changes.
     ///
     /// # Errors
@@ -112,6 +120,7 @@ impl Heartbeats {
         let now = clock::now_ns();
         let awake_ns = self.awake.poll(now);
         let mut changes = Vec::new();
+        self.suspects = false;
         for child in process_set.iter_mut() {
             let Some(record) = self.records.get_mut(&child.member.name) else { continue };
             while let Some(beat) = record.subscriber.receive()? {
@@ -131,6 +140,7 @@ impl Heartbeats {
                 Some((at_ns, pid)) if pid == child.pid && expected => awake_ns.saturating_sub(at_ns),
                 _ => 0,
             };
+            self.suspects |= silent_ns >= SUSPECT_NS;
             let cause = record.cause(child.pid, silent_ns, awake_ns);
             let silent = silent_ns > SILENT_NS;
             let hangs = silent && cause.is_none();

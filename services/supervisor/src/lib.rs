@@ -35,6 +35,7 @@ mod successors;
 mod table;
 mod tuning;
 mod unfinished_runs;
+mod wakeup;
 mod watching;
 
 pub use cures::consequence;
@@ -43,9 +44,8 @@ pub use run_folder::RunFolder;
 
 use announcer::Announcer;
 use archive::Archive;
-use bus::{Bus, Claim, Client, Domain, Publisher, Server, Subscriber, Waiter};
+use bus::{Bus, Claim, Client, Domain, Newest, Publisher, Server, Subscriber, Waiter};
 use cleanup::Cleanup;
-use command::StopFlag;
 use config::SystemFile;
 use evidence::busy;
 use file_work::FileWork;
@@ -61,8 +61,9 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use unfinished_runs::UnfinishedRuns;
+use wakeup::Wakeup;
 
-/// What [`Supervisor::start`] starts.
+/// What a supervisor starts.
 #[derive(Debug, Clone, Copy)]
 pub struct StartOptions<'a> {
     /// System file.
@@ -124,7 +125,7 @@ pub struct Supervisor {
     archive: Archive,
     file_work: FileWork,
     unfinished_runs: UnfinishedRuns,
-    stop: StopFlag,
+    wakeup: Wakeup,
     heartbeats: Heartbeats,
     cleanup: Cleanup,
     died: Vec<String>,
@@ -135,7 +136,7 @@ pub struct Supervisor {
     table: Publisher<ProcessState>,
     /// Last published row of each process, by name.
     published_rows: HashMap<[u8; 32], ProcessState>,
-    authority: Subscriber<MotorAuthority>,
+    authority: Newest<MotorAuthority>,
     last_authority: Option<MotorAuthority>,
     recording: Recording,
     mission: Missions,
@@ -204,7 +205,7 @@ impl Supervisor {
     /// Whether a signal or the parent has requested the end.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.wakeup.stop.load(Ordering::Relaxed)
     }
 }
 

@@ -1,16 +1,16 @@
 //! The supervisor in the foreground, as `nims up` runs it.
 
+use crate::wakeup::{Stopper, Wakeup};
 use crate::{RunOutcome, StartOptions, Supervisor, stale_processes};
 use bus::{Domain, clock};
 use command::values::seconds;
-use command::{Answer, Failure, Output, StopFlag};
+use command::{Answer, Failure, Output};
 use config::SystemFile;
 use robot_state::sentences::mode_name;
 use serde_json::{Value, json};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -18,8 +18,6 @@ use std::time::Duration;
 const PAGE: &str = "report.html";
 /// Largest run whose page is made automatically, bytes: the page of a larger run takes too long.
 const LARGE: u64 = 300_000_000;
-/// Polling period for the end of standard input, if another program started this one.
-const POLL: Duration = Duration::from_millis(100);
 
 /// Command-line arguments of `nims up`.
 #[derive(Debug, clap::Args)]
@@ -169,27 +167,18 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(RunOutcome, Answer)> {
     };
     let began = clock::now_ns();
     accepted(&asked.config)?;
-    let stop = command::stop_flag()?;
-    let reason = if asked.parent { parent_reason(&stop) } else { Arc::default() };
+    let wakeup = Wakeup::of_signals()?;
+    let reason = if asked.parent { parent_reason(wakeup.stopper()?) } else { Arc::default() };
     // It ends when this process closes its standard input.
     let _page = asked.page.then(|| start_page(&asked.config, domain)).transpose()?;
-    let mut supervisor = Supervisor::start(&wanted, stop.clone())?;
-    let limit = asked.seconds.map(Duration::from_secs_f64).unwrap_or(Duration::MAX / 4);
-    let started = clock::now_ns();
+    let mut supervisor = Supervisor::start(&wanted, wakeup)?;
     supervisor.announcer.info(&format!(
         "{} is ready to arm after {:.2} s and runs in {}; Ctrl-C ends it",
         supervisor.context.file.name,
-        (started - began) as f64 * 1e-9,
+        (clock::now_ns() - began) as f64 * 1e-9,
         supervisor.folder.path().display()
     ));
-    let mut watched = Ok(());
-    while watched.is_ok()
-        && !supervisor.is_stopping()
-        && clock::now_ns() - started < limit.as_nanos().min(u128::from(u64::MAX)) as u64
-    {
-        let left = limit.saturating_sub(Duration::from_nanos(clock::now_ns() - started));
-        watched = supervisor.watch(left.min(if asked.parent { POLL } else { Duration::from_secs(1) }));
-    }
+    let watched = supervisor.watch(asked.seconds.map_or(Duration::MAX, Duration::from_secs_f64));
     let because = match &watched {
         Err(failure) => failure.to_string(),
         Ok(()) if supervisor.is_stopping() => {
@@ -204,15 +193,15 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(RunOutcome, Answer)> {
 }
 
 /// Reads standard input on its own thread and requests the end of the run when it ends; its text is the reason.
-fn parent_reason(stop: &StopFlag) -> Arc<Mutex<Option<String>>> {
+fn parent_reason(stopper: Stopper) -> Arc<Mutex<Option<String>>> {
     let reason = Arc::new(Mutex::new(None));
-    let (told, stop) = (Arc::clone(&reason), Arc::clone(stop));
+    let told = Arc::clone(&reason);
     std::thread::spawn(move || {
         let mut text = String::new();
         let _ = std::io::stdin().read_to_string(&mut text);
         let because = if text.trim().is_empty() { "its parent ended".to_owned() } else { text.trim().to_owned() };
         *told.lock().unwrap_or_else(PoisonError::into_inner) = Some(because);
-        stop.store(true, Ordering::Relaxed);
+        stopper.stop();
     });
     reason
 }

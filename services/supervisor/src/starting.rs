@@ -18,6 +18,7 @@ use super::service_manager::ServiceManager;
 use super::settings::Settings;
 use super::stale_processes::{self, ProcessIdentity};
 use super::unfinished_runs::UnfinishedRuns;
+use super::wakeup::Wakeup;
 use super::{StartOptions, Supervisor};
 use bus::clock::{self, WallClock};
 use bus::{Bus, Claim, Domain, FormerPlaces};
@@ -87,7 +88,7 @@ impl Supervisor {
     ///
     /// # Errors
     /// The domain is taken, or a process does not come up; the processes that were started are stopped again.
-    pub fn start(wanted: &StartOptions<'_>, stop: StopFlag) -> Answer<Self> {
+    pub(super) fn start(wanted: &StartOptions<'_>, wakeup: Wakeup) -> Answer<Self> {
         // Applies to runs, position and shared memory, also those of the started processes.
         bus::make_private();
         // Measured before the robot's own processes load the machine.
@@ -96,7 +97,7 @@ impl Supervisor {
         let file = SystemFile::load(&system_path).map_err(Failure::bad)?;
         let mut manager = ServiceManager::of_environment();
         let is_service = manager.is_there();
-        wait_for_ports(&file, &mut manager, &stop)?;
+        wait_for_ports(&file, &mut manager, &wakeup.stop)?;
         let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
         let claim = domain.claim()?;
         // Every process reads it when it joins: first, because an observer may join at any time.
@@ -121,7 +122,7 @@ impl Supervisor {
         let text = serde_json::to_string(&running).map_err(Failure::not_now)?;
         stale_processes::write(&domain, RUNNING_FILE, &text)?;
 
-        let mut supervisor = Self::assemble(bus, domain, claim, context, folder, archive, stop)?;
+        let mut supervisor = Self::assemble(bus, domain, claim, context, folder, archive, wakeup)?;
         if let Some(warning) = busy.warning() {
             supervisor.announcer.warn(&warning);
         }
@@ -161,7 +162,7 @@ impl Supervisor {
         context: RunContext,
         folder: RunFolder,
         archive: Archive,
-        stop: StopFlag,
+        wakeup: Wakeup,
     ) -> Answer<Self> {
         let mut beat = Heartbeat {
             pid: std::process::id(),
@@ -172,6 +173,8 @@ impl Supervisor {
         put_text(&mut beat.name, SUPERVISOR);
         let server = bus.server(SUPERVISOR)?;
         let settings = Settings::new(&bus, &context, beat.incarnation)?;
+        let mut waiter = bus.waiter(&[server.event()])?;
+        waiter.attach(wakeup.descriptor()?)?;
         Ok(Self {
             process_set: ProcessSet::default(),
             settings,
@@ -180,7 +183,7 @@ impl Supervisor {
             archive,
             file_work: FileWork::default(),
             unfinished_runs: UnfinishedRuns::default(),
-            stop,
+            wakeup,
             heartbeats: Heartbeats::default(),
             cleanup: Cleanup::new(&domain),
             died: Vec::new(),
@@ -190,7 +193,7 @@ impl Supervisor {
             heartbeat: bus.publisher(&format!("system/heartbeat/{SUPERVISOR}"))?,
             table: bus.publisher("system/process")?,
             published_rows: HashMap::new(),
-            authority: bus.subscriber("motor/authority")?,
+            authority: bus.newest("motor/authority")?,
             last_authority: None,
             recording: Recording::new(&bus)?,
             mission: Missions::new(&bus)?,
@@ -200,7 +203,7 @@ impl Supervisor {
             last_beat_ns: 0,
             last_part_ns: 0,
             next_part: 0,
-            waiter: bus.waiter(&[server.event()])?,
+            waiter,
             server: Some(server),
             bus,
             domain,

@@ -3,7 +3,7 @@
 use super::Supervisor;
 use super::cures::{LossState, consequence, cure};
 use super::heartbeats::Change;
-use super::managed_process::AfterEnd;
+use super::managed_process::{AfterEnd, ManagedProcess};
 use super::process_spec::ProcessSpec;
 use super::recording::RecordingEvent;
 use super::refused::Refused;
@@ -14,12 +14,14 @@ use bus::clock;
 use command::Answer;
 use config::Role;
 use evidence::busy;
-use messages::{Heartbeat, OperatorRequest, Request};
+use messages::{Heartbeat, OperatorRequest, Request, newer};
 use robot_state::sentences::mode_name;
 use std::time::Duration;
 
-/// Polling period of the processes and their heartbeats, ns.
-const POLL_NS: u64 = 50_000_000;
+/// Polling period of the processes and their heartbeats, ns. The end of a process and a request end a wait at once.
+const POLL_NS: u64 = 100_000_000;
+/// The same while a process starts, is being replaced, or is suspected to be silent, ns.
+const EARLY_POLL_NS: u64 = 50_000_000;
 /// Period of the supervisor's heartbeat, ns: motor-io treats it as dead after two seconds without one.
 const BEAT_NS: u64 = 200_000_000;
 /// Pause before a start that failed for lack of memory, processes or files is repeated, ns.
@@ -41,8 +43,22 @@ impl Supervisor {
             if now >= deadline || self.is_stopping() {
                 return Ok(());
             }
-            self.waiter.wait_until(Some(deadline.min(now + POLL_NS)))?;
+            if self.waiter.wait_until(Some(deadline.min(self.next_poll_ns(now))))?.descriptor(0) {
+                self.wakeup.clear();
+            }
         }
+    }
+
+    /// When the next cycle is due if nothing wakes the loop before.
+    fn next_poll_ns(&self, now_ns: u64) -> u64 {
+        let starting =
+            |child: &ManagedProcess| child.member.sends_heartbeats && child.ready_ns.is_none() && child.exit.is_none();
+        let early = !self.process_set.successors.is_empty()
+            || self.heartbeats.suspects()
+            || self.process_set.iter().any(starting);
+        let restarts = self.process_set.iter().filter_map(|child| child.again_ns).min();
+        let poll_ns = now_ns + if early { EARLY_POLL_NS } else { POLL_NS };
+        restarts.map_or(poll_ns, |at_ns| at_ns.clamp(now_ns, poll_ns))
     }
 
     /// One cycle without requests.
@@ -50,9 +66,7 @@ impl Supervisor {
         self.poll_heartbeats()?;
         self.poll_children()?;
         self.poll_successors()?;
-        while let Some(authority) = self.authority.latest()? {
-            self.last_authority = Some(authority);
-        }
+        self.last_authority = newer(self.last_authority, self.authority.latest()?);
         self.poll_run_files()?;
         self.poll_computer_load();
         self.settings.update()?;
@@ -297,6 +311,9 @@ impl Supervisor {
 
     /// Gives the service manager the line that `systemctl status` shows.
     pub(super) fn report_status(&mut self) {
+        if !self.manager.is_there() {
+            return;
+        }
         let mode = self.last_authority.map_or("starting", |authority| mode_name(authority.mode));
         let running = self.process_set.iter().filter(|child| child.exit.is_none()).count();
         let died = if self.died.is_empty() { String::new() } else { format!("; died: {}", self.died.join(", ")) };
