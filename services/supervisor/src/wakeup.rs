@@ -4,7 +4,7 @@
 use command::{Answer, Failure, StopFlag, stop_flag};
 use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM};
 use signal_hook::low_level::pipe;
-use std::io::{self, Read, Write};
+use std::io::{Read, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::Ordering;
@@ -71,7 +71,7 @@ impl Stopper {
     pub fn stop(mut self) {
         self.stop.store(true, Ordering::Relaxed);
         // A full socket wakes the loop already.
-        let _: io::Result<usize> = self.writer.write(&[0]);
+        let _ = self.writer.write_all(&[0]);
     }
 }
 
