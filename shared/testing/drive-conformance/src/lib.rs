@@ -90,6 +90,7 @@ macro_rules! conformance {
             swapped_answers_are_told_apart,
             a_silent_unit_costs_the_others_little,
             a_unit_that_is_not_heard_stops_in_its_watchdogs_time,
+            a_unit_that_stood_unheard_moves_only_after_a_command_to_hold,
             an_unplugged_port_is_lost_at_once_and_comes_back_interlocked,
             a_restart_behind_an_unplugged_port_is_counted,
             counts_continue_when_the_counter_wraps,

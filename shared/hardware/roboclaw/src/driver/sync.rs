@@ -176,8 +176,8 @@ impl<T: Transport> Bus<T> {
             if unit.phase == Phase::Ready || next_ns < unit.commanded_ns + watchdog_ns {
                 continue;
             }
-            // The caller does not know that it has stopped.
-            unit.interlocked |= now_ns >= unit.commanded_ns + watchdog_ns;
+            // The caller does not know that it has stopped, also where it is heard again before its watchdog's time.
+            unit.interlocked = true;
             let packet = Write::Duties([0; 2]).encode(unit.config.address);
             self.counters.exchanges += 1;
             let until_ns = now_ns + self.wire_ns(packet.len()) + self.margin_ns;

@@ -271,6 +271,33 @@ pub fn a_unit_that_is_not_heard_stops_in_its_watchdogs_time<F: Family>() {
     robot.assert_all_ok("commanded to hold once");
 }
 
+/// A unit that stood because it was not heard moves again only after a command to hold, however long it was not heard:
+/// its caller commands motion all the time, and does not know that it stood.
+pub fn a_unit_that_stood_unheard_moves_only_after_a_command_to_hold<F: Family>() {
+    for (muted, cycles) in [1, F::UNITS].into_iter().flat_map(|muted| (1..=60).map(move |cycles| (muted, cycles))) {
+        let mut robot = Robot::<F>::connected(F::UNITS);
+        robot.cycle(Command::Velocity(800.0));
+        let heard_again = robot.tick_ns + cycles * PERIOD_NS;
+        (0..muted).for_each(|unit| robot.units().mute(unit, true));
+        let mut stood = vec![false; muted];
+        let end_ns = heard_again + RECOVERY as u64 * PERIOD_NS;
+        while robot.tick_ns < end_ns {
+            if robot.tick_ns >= heard_again {
+                (0..muted).for_each(|unit| robot.units().mute(unit, false));
+            }
+            robot.cycle(Command::Velocity(800.0));
+            for (unit, stood) in stood.iter_mut().enumerate() {
+                let moves = robot.units().drive(unit, 0).moves();
+                assert!(!(*stood && moves), "unit {unit}, not heard for {cycles} cycles, moves again by itself");
+                *stood |= !moves;
+            }
+        }
+        robot.recover();
+        robot.cycle(Command::Velocity(800.0));
+        robot.assert_all_ok("commanded to hold once");
+    }
+}
+
 /// A port that is gone costs no time; when it is back its units wait for a stop, and their counts have continued.
 pub fn an_unplugged_port_is_lost_at_once_and_comes_back_interlocked<F: Family>() {
     let mut robot = Robot::<F>::connected(F::UNITS);

@@ -48,6 +48,11 @@ fn no_stale_sample_and_no_false_acknowledgement_under_faults() {
         let mut last_counts = [i64::MIN; 2];
         for cycle in 1..=cycles {
             let start_ns = run.tick_ns;
+            // A unit that was stopped because it was not heard waits for this.
+            if run.answers.iter().any(|answer| matches!(answer.outcome, Err(Error::Interlocked { .. }))) {
+                run.cycle(Drive::HOLD);
+                continue;
+            }
             run.cycle(Drive::Speed(cycle));
             for (unit, last) in last_counts.iter_mut().enumerate() {
                 let answer = &run.answers[unit];
