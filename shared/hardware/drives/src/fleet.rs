@@ -141,8 +141,8 @@ impl Fleet {
     }
 
     /// Runs the cycle on all ports at the same time and waits for all of them, but not beyond `deadline_ns` of the
-    /// monotonic clock. A port that has not finished by then is [`Error::Busy`], or [`Error::Resynchronising`] where
-    /// that is the reason; its results are in the next cycle's report.
+    /// monotonic clock. A port that has not finished by then is [`Error::Busy`], or [`Error::Resynchronising`] or lost
+    /// where that is the reason; its results are in the next cycle's report.
     ///
     /// Returns as soon as every unit has its command and its counts are read. The ports use the rest of the time until
     /// the deadline for currents and slow values, which are in the next cycle's reports with the time at which they
@@ -253,16 +253,22 @@ impl Fleet {
         for ((slot, report), (name, clock)) in slots.iter().zip(&mut self.reply.ports).zip(ports) {
             report.clone_from(&slot.report);
             let in_time = slot.answered_turn == self.turn;
+            // A call to the kernel for a device that was unplugged can take seconds.
+            let gone = |clock: &Arc<PortClock>| clock.device_is_gone();
+            if !in_time && report.lost.is_none() && clock.as_ref().is_some_and(gone) {
+                report.lost = Some(Error::Serial(serial::Error::Missing { port: Arc::clone(name) }));
+            }
             let unanswered = !in_time && clock.as_ref().is_some_and(|clock| clock.port_waits_for_device());
             for answer in &slot.answers {
                 let Some(unit) = units.next() else { break };
                 unit.clone_from(answer);
                 if !in_time {
                     let port = Arc::clone(name);
-                    unit.outcome = Err(match (slot.settling, unanswered) {
-                        (true, _) => Error::Resynchronising { port },
-                        (false, true) => Error::Unanswered { port },
-                        (false, false) => Error::Busy { port },
+                    unit.outcome = Err(match (&report.lost, slot.settling, unanswered) {
+                        (Some(lost), _, _) => lost.clone(),
+                        (None, true, _) => Error::Resynchronising { port },
+                        (None, false, true) => Error::Unanswered { port },
+                        (None, false, false) => Error::Busy { port },
                     });
                 }
             }

@@ -96,6 +96,7 @@ impl Drop for LeftOutClock {
 /// The program's side of the file: corrections to the machine's clock. No file, and no correction, for a real device.
 #[derive(Debug)]
 pub struct PortClock {
+    link: PathBuf,
     path: PathBuf,
     far_side: Mutex<FarSide>,
 }
@@ -112,7 +113,8 @@ struct FarSide {
 
 impl PortClock {
     pub(crate) fn new(link: &str) -> Self {
-        Self { path: beside(Path::new(link)), far_side: Mutex::default() }
+        let link = PathBuf::from(link);
+        Self { path: beside(&link), link, far_side: Mutex::default() }
     }
 
     /// Looks for the file after the calling thread opened the port, and writes the thread into it.
@@ -182,6 +184,12 @@ impl PortClock {
     #[must_use]
     pub fn port_waits_for_device(&self) -> bool {
         !self.device_wants_to_run() && self.port_sleeps()
+    }
+
+    /// True where no device has the name of the port. It may be called while another thread waits for the device.
+    #[must_use]
+    pub fn device_is_gone(&self) -> bool {
+        !self.link.exists()
     }
 
     fn port_sleeps(&self) -> bool {

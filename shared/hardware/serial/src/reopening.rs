@@ -44,7 +44,8 @@ pub struct ReopeningPort {
     port: Option<Port>,
     /// See [`Transport::set_inline`].
     inline: bool,
-    /// A lost device that is still open.
+    /// A lost device that is still open: closing can block, and the loss is to be known before. It is closed before the
+    /// next attempt to open it.
     unclosed: Option<Port>,
     lost: Error,
     next_try_ns: u64,
@@ -108,9 +109,6 @@ impl ReopeningPort {
             self.lost = error.clone();
             self.unclosed = self.port.take();
             self.next_try_ns = monotonic_ns() + REOPEN_EVERY_NS;
-            if !self.inline {
-                self.close();
-            }
         }
         result
     }
@@ -208,6 +206,7 @@ impl Transport for ReopeningPort {
             if self.inline || now_ns < self.next_try_ns {
                 return Err(self.lost.clone());
             }
+            self.close();
             match Port::open(&self.name, self.baud) {
                 Ok(port) => {
                     self.port = Some(port);

@@ -7,7 +7,7 @@ use std::thread::ThreadId;
 use drives::{
     Capabilities, Command, Counters, DriveBus, Error, Fleet, FleetCommand, StopInput, UnitAnswer, UnitCommand, UnitInfo,
 };
-use serial::{monotonic_ns, sleep_until};
+use serial::{PortClock, ReopeningPort, Transport, monotonic_ns, sleep_until};
 
 const MS: u64 = 1_000_000;
 
@@ -28,6 +28,8 @@ struct Script {
     leaves: AtomicBool,
     /// The next exchange finds the device gone.
     loses: AtomicBool,
+    /// Exchanges and settles do not return.
+    hangs: AtomicBool,
     /// What is left after a settle, so many times.
     unsettled: AtomicU64,
     counts: AtomicU64,
@@ -36,6 +38,12 @@ struct Script {
 impl Script {
     fn called(&self, call: Call) {
         self.calls.lock().unwrap_or_else(PoisonError::into_inner).push((std::thread::current().id(), call));
+    }
+
+    fn hang(&self) {
+        while self.hangs.load(Ordering::SeqCst) {
+            sleep_until(monotonic_ns() + MS / 10);
+        }
     }
 
     fn take_calls(&self) -> Vec<(ThreadId, Call)> {
@@ -48,6 +56,7 @@ struct Scripted {
     port: Arc<str>,
     script: Arc<Script>,
     can_run_inline: bool,
+    clock: Option<Arc<PortClock>>,
 }
 
 impl DriveBus for Scripted {
@@ -66,6 +75,9 @@ impl DriveBus for Scripted {
     fn now_ns(&self) -> u64 {
         monotonic_ns()
     }
+    fn clock(&self) -> Option<Arc<PortClock>> {
+        self.clock.clone()
+    }
     fn can_run_inline(&self) -> bool {
         self.can_run_inline
     }
@@ -74,6 +86,7 @@ impl DriveBus for Scripted {
     }
     fn exchange(&mut self, _: &[UnitCommand], _: u64, answers: &mut [UnitAnswer]) {
         self.script.called(Call::Exchange);
+        self.script.hang();
         let port = Arc::clone(&self.port);
         let outcome = if self.script.loses.swap(false, Ordering::SeqCst) {
             self.script.unsettled.store(3, Ordering::SeqCst);
@@ -95,6 +108,7 @@ impl DriveBus for Scripted {
     }
     fn settle(&mut self, _: u64) -> Result<(), Error> {
         self.script.called(Call::Settle);
+        self.script.hang();
         let left = self.script.unsettled.load(Ordering::SeqCst);
         self.script.unsettled.store(left.saturating_sub(1), Ordering::SeqCst);
         if left <= 1 { Ok(()) } else { Err(Error::Resynchronising { port: Arc::clone(&self.port) }) }
@@ -112,7 +126,7 @@ impl DriveBus for Scripted {
 
 fn scripted(port: &str, can_run_inline: bool) -> (Scripted, Arc<Script>) {
     let script = Arc::new(Script { unsettled: AtomicU64::new(3), ..Script::default() });
-    let bus = Scripted { port: port.into(), script: Arc::clone(&script), can_run_inline };
+    let bus = Scripted { port: port.into(), script: Arc::clone(&script), can_run_inline, clock: None };
     (bus, script)
 }
 
@@ -140,6 +154,15 @@ fn until_inline(fleet: &mut Fleet, script: &Script, counts: &mut i64) {
         }
     }
     panic!("the caller never had the bus");
+}
+
+/// Cycles until the unit is in use; their number is bounded.
+fn until_in_use(fleet: &mut Fleet) {
+    let in_use = |_: u32| {
+        sleep_until(monotonic_ns() + MS);
+        cycle(fleet).0.is_ok()
+    };
+    assert!((0..2000).any(in_use), "the unit is never in use");
 }
 
 #[test]
@@ -184,6 +207,56 @@ fn a_bus_that_is_not_settled_goes_back_to_its_thread_and_comes_again() {
         let left = calls.iter().find(|(_, call)| *call == Call::Inline(false));
         assert!(left.is_some_and(|(thread, _)| *thread != own), "{calls:?}");
     }
+}
+
+/// Outcomes of cycles of two milliseconds while the port's thread does not return, after what `then` does.
+fn while_it_hangs(fleet: &mut Fleet, script: &Script, then: impl FnOnce()) -> Vec<(Result<(), Error>, Option<Error>)> {
+    script.hangs.store(true, Ordering::SeqCst);
+    let mut cycle = || {
+        let command = FleetCommand { cycle: 1, units: [[Some(Command::HOLD), None]; 8] };
+        let reply = fleet.exchange(&command, monotonic_ns() + 2 * MS);
+        let seen = (reply.units[0].outcome.clone(), reply.ports[0].lost.clone());
+        fleet.spend(0);
+        seen
+    };
+    let mut seen = vec![cycle()];
+    then();
+    seen.extend((0..20).map(|_| cycle()));
+    // Before anything is judged: the end of a fleet waits for its threads.
+    script.hangs.store(false, Ordering::SeqCst);
+    seen
+}
+
+fn is_lost((outcome, lost): &(Result<(), Error>, Option<Error>)) -> bool {
+    outcome.as_ref().is_err_and(Error::is_lost) && lost.is_some()
+}
+
+/// A system may take its time to close a device that is gone.
+#[test]
+fn a_device_that_is_gone_stays_lost_while_its_thread_closes_it() {
+    for can_run_inline in [true, false] {
+        let (bus, script) = scripted("a", can_run_inline);
+        let mut fleet = Fleet::open(vec![bus], Capabilities::NONE).unwrap();
+        until_in_use(&mut fleet);
+        script.loses.store(true, Ordering::SeqCst);
+        assert!(cycle(&mut fleet).0.is_err_and(|error| error.is_lost()));
+        let seen = while_it_hangs(&mut fleet, &script, || ());
+        assert!(seen.iter().all(is_lost), "{seen:?}");
+        until_in_use(&mut fleet);
+    }
+}
+
+/// The port's thread does not return from the system, and cannot say that its device is gone.
+#[test]
+fn a_port_that_hangs_is_lost_once_its_device_is_gone() {
+    let link = format!("{}/drive-{}", env!("CARGO_TARGET_TMPDIR"), std::process::id());
+    std::fs::write(&link, "").unwrap();
+    let (mut bus, script) = scripted(&link, false);
+    bus.clock = ReopeningPort::new(&link, 0).clock();
+    let mut fleet = Fleet::open(vec![bus], Capabilities::NONE).unwrap();
+    until_in_use(&mut fleet);
+    let seen = while_it_hangs(&mut fleet, &script, || std::fs::remove_file(&link).unwrap());
+    assert!(!is_lost(&seen[0]) && seen[1..].iter().all(is_lost), "{seen:?}");
 }
 
 #[test]

@@ -245,6 +245,25 @@ fn an_inline_line_neither_closes_a_lost_device_nor_opens_it_again() {
     assert_eq!(connect(&mut line), 2);
 }
 
+/// The operation that finds the device gone returns at once; the device is closed before the next attempt to open it.
+#[test]
+fn a_line_with_a_thread_of_its_own_reports_a_loss_before_it_closes_the_device() {
+    let folder = Folder::new();
+    let link = folder.0.join("drive0");
+    let mut jack = PtyLink::new(&link);
+    jack.plug().unwrap();
+    let device = serial::LeftOutClock::create(&link).unwrap();
+    let mut line = ReopeningPort::new(link.to_str().unwrap(), 230_400);
+    line.connection().unwrap();
+    jack.unplug();
+    assert!(matches!(line.read(&mut [0], soon()), Err(Error::Gone { .. })));
+    assert!(line.connection().is_err());
+    assert!(device.program().is_some(), "it was closed");
+    serial::sleep_until(line.next_try_ns().unwrap());
+    assert!(matches!(line.connection(), Err(Error::Missing { .. })));
+    assert!(device.program().is_none(), "it is still open");
+}
+
 /// However bytes and reads are cut, no byte that is there is waited for: the deadline never comes.
 #[test]
 fn bytes_are_read_in_any_pieces() {
