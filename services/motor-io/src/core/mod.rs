@@ -379,18 +379,28 @@ impl Core {
         }
         // Also a robot that a fault brakes: its motors stand, and would set out again with what is left of its
         // velocity.
-        if !self.is_at_rest() && gap_s > self.config.watchdog_s {
-            self.restart_from_rest(gap_s > LONGEST_GAP_S);
+        if !self.is_at_rest() {
+            if gap_s > self.config.watchdog_s {
+                self.restart_from_rest(gap_s > LONGEST_GAP_S);
+            } else if self.watch.late() >= self.config.cycles(self.config.watchdog_s) {
+                // Cycles began in time, and a port took none of their commands.
+                self.restart_from_rest(true);
+            }
         }
     }
 
-    /// Restarts the motion from rest after a gap in which the drives' watchdog stopped the motors.
+    /// Restarts the motion from rest after a time in which the drives' watchdog stopped the motors.
     /// `long`: only on request.
     fn restart_from_rest(&mut self, long: bool) {
         self.limits.zero();
         self.clock.stop_at_once();
         match self.safety.mode_mut() {
-            Mode::Jogging(jog) => jog.cancelled = true,
+            Mode::Jogging(jog) => {
+                jog.cancelled = true;
+                if long {
+                    self.safety.record_stop(MotorAuthority::FAULT_LONG_GAP);
+                }
+            }
             Mode::Soft(_) => self.end_soft(MotorAuthority::FAULT_LONG_GAP),
             Mode::Following(_) if long => self.begin_stop(Stop::open(), MotorAuthority::FAULT_LONG_GAP),
             Mode::Following(Following { gap_wait, .. }) => {

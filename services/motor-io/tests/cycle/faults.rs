@@ -185,6 +185,34 @@ fn a_late_motor_io_stops_the_robot_and_loses_no_unit() {
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
 }
 
+/// After their watchdog's time the drives stand, and nothing sets them out again but a request.
+#[test]
+fn drives_that_got_no_command_for_their_watchdogs_time_stay_at_rest_until_a_resume() {
+    for late in 1..=60 {
+        let mut rig = Rig::following([0.1, -0.1, 0.05]);
+        rig.unit[0] = MotorInput::UNIT_LATE;
+        rig.step();
+        rig.estimate_valid = false;
+        rig.steps(late - 1);
+        rig.unit[0] = MotorInput::UNIT_OK;
+        rig.step();
+        let returned_m_s = rig::speed(&rig);
+        rig.estimate_valid = true;
+        if late < 30 {
+            assert!(returned_m_s > 0.0, "{late} cycles");
+            continue;
+        }
+        assert_eq!(returned_m_s, 0.0, "{late} cycles");
+        for _ in 0..200 {
+            assert!(rig.step().sent.is_hold(), "{late} cycles");
+        }
+        assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_LONG_GAP));
+        rig.demand(Request::Resume);
+        rig.steps(60);
+        assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
+    }
+}
+
 /// A port whose driver does not return looks like this too: nothing is known of its units, nor of a stop button there.
 #[test]
 fn a_port_that_does_not_return_ends_a_jog_and_becomes_a_fault() {
@@ -193,7 +221,8 @@ fn a_port_that_does_not_return_ends_a_jog_and_becomes_a_fault() {
     rig.steps(20);
     rig.unit[0] = MotorInput::UNIT_LATE;
     let cycles = rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
-    assert!((40..60).contains(&cycles), "{cycles}");
+    // The drives' watchdog has stopped them.
+    assert!((30..35).contains(&cycles), "{cycles}");
     assert_eq!(rig.faults(), A::FAULT_LONG_GAP);
     let cycles = rig.until(300, |rig| rig.mode() == A::MODE_FAULTED);
     assert!(cycles > 200, "{cycles}");
