@@ -78,6 +78,7 @@ impl Inbox {
         let carried = if motion.next.id == 0 { &motion.current } else { &motion.next };
         self.input.motion = motion.motion;
         self.input.motion_life = motion.header.life;
+        self.input.motion_asked_ns = motion.asked_ns;
         self.input.motion_epoch = motion.epoch;
         self.input.mission = motion.mission;
         self.input.motion_segment = motion.current.id;

@@ -23,8 +23,8 @@ fn brings_to_rest(request: &Request) -> bool {
 }
 
 /// Whether a request moves the robot, or permits motion: such a request is refused if the robot was told to stop after
-/// it was made, in whichever order the two arrive. `goto` and `run` are for the planner, and their motion is of an
-/// epoch, which a stop ends.
+/// it was made, in whichever order the two arrive. `goto` and `run` are for the planner; their motion states when it was
+/// asked for, see [`Core::record_order`].
 fn may_move(request: &Request) -> bool {
     matches!(request, Request::Arm | Request::Reset | Request::Resume | Request::Jog { .. } | Request::Soft)
 }
@@ -42,14 +42,28 @@ impl Core {
             // A stop of the future would forbid motion until then.
             self.stopped_ns = self.stopped_ns.max(made_ns.min(input.begin_ns));
         }
+        let epoch = self.safety.epoch();
         let outcome = match Request::from_body(body) {
             Ok(request) if age_s > STALE_S && !brings_to_rest(&request) => Err(Reason::TooLate { age_s }),
             Ok(request) if made_ns < self.stopped_ns && may_move(&request) => Err(Reason::OvertakenByStop),
             Ok(request) => self.carry_out(input, &request),
             Err(error) => Err(Reason::Undecodable { why: detail(error) }),
         };
+        self.record_order(body, outcome.is_ok(), made_ns.min(input.begin_ns), epoch);
         let (Ok(reason) | Err(reason)) = outcome;
         Answer { id, verb: body.verb, reason }
+    }
+
+    /// Records a request after which no motion begins that was asked for before `made_ns`. `epoch`: that before it.
+    fn record_order(&mut self, body: &RequestBody, accepted: bool, made_ns: u64, epoch: u32) {
+        let suspends = matches!(body.verb, RequestBody::VERB_HOLD | RequestBody::VERB_PAUSE);
+        if self.safety.epoch() != epoch || (body.is_stop() && !suspends) {
+            self.ended_ns = self.ended_ns.max(made_ns);
+        } else if suspends && accepted {
+            self.held_ns = self.held_ns.max(made_ns);
+        } else if body.verb == RequestBody::VERB_RESUME && accepted {
+            self.held_ns = 0;
+        }
     }
 
     fn carry_out(&mut self, input: &MotorInput, request: &Request) -> Outcome {

@@ -60,6 +60,8 @@ pub(crate) struct Flight {
     pub epoch: u32,
     pub current: usize,
     pub accepted_ns: u64,
+    /// When its request was made, ns: before it was accepted.
+    pub asked_ns: u64,
     pub taken_up: bool,
 }
 
@@ -90,6 +92,7 @@ impl Flight {
             epoch: authority.epoch,
             current: 0,
             accepted_ns: seen.now_ns,
+            asked_ns: seen.now_ns,
             taken_up: false,
         }
     }

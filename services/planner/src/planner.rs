@@ -134,6 +134,7 @@ impl Planner {
             motion.motion = flight.motion;
             motion.epoch = flight.epoch;
             motion.mission = flight.mission;
+            motion.asked_ns = flight.asked_ns;
         }
         self.status.header = header;
         self.status.mission_number = motion.mission;
@@ -173,7 +174,7 @@ impl Planner {
         let start = flight.plan.end();
         let legs_before = flight.legs_before + flight.plan.leg_count;
         let (name, mission) = (flight.name.clone(), flight.mission);
-        let (flown_s, share) = (flight.flown_s(f64::INFINITY), flight.share);
+        let (flown_s, share, asked_ns) = (flight.flown_s(f64::INFINITY), flight.share, flight.asked_ns);
         let mut whole = flight.whole.clone();
         let planned = adaptive::resolved(left, &known, start)
             .map_err(|error| PlanError::Scan { leg: legs_before as usize + 1, error })
@@ -195,7 +196,7 @@ impl Planner {
                 }
                 whole.segments.extend_from_slice(&plan.segments);
                 let flight = Flight::new(name, plan, whole, true, authority, seen);
-                let flight = Flight { before_s: flown_s, share, later, left, legs_before, mission, ..flight };
+                let flight = Flight { before_s: flown_s, share, later, left, legs_before, mission, asked_ns, ..flight };
                 self.offer(flight, true);
             }
             Err(error) => {
@@ -241,6 +242,7 @@ impl Planner {
         status.leg = flight.legs_before + flight.plan.legs[flight.current];
         let rate = authority.plan_rate_target;
         status.time_left_s = ((end_s - time_s).max(0.0) + flight.later.time_s) / if rate > 0.0 { rate } else { 1.0 };
+        // At rest it is one that motor-io has taken up and not begun, because of a hold after its request.
         let ours = authority.motion == flight.motion;
         flight.taken_up |= ours && authority.mode == MotorAuthority::MODE_FOLLOWING;
         if flight.taken_up || time_s > flight.plan.start_s() {
@@ -261,10 +263,10 @@ impl Planner {
             Some(Err(stopped_by(authority, flight.life)))
         } else if !flight.taken_up && authority.faults & MotorAuthority::FAULT_OFF_START != 0 {
             Some(Err(Reason::EndedOffStart))
-        } else if !flight.taken_up && now_ns.saturating_sub(flight.accepted_ns) > TAKE_UP_NS {
+        } else if !flight.taken_up && !ours && now_ns.saturating_sub(flight.accepted_ns) > TAKE_UP_NS {
             Some(Err(not_taken_up(authority, seconds(TAKE_UP_NS))))
         } else {
-            status.state = if !flight.taken_up {
+            status.state = if !flight.taken_up && !ours {
                 PlanStatus::STATE_READY
             } else if !moving {
                 // Only at rest: a pause takes its ramp.

@@ -24,7 +24,11 @@ pub fn answer(
 ) -> Reason {
     match carry_out(planner, request, run, seen) {
         Ok(_) if !awaited() => planner.take_back(),
-        Ok(reason) | Err(reason) => reason,
+        Ok(reason) => {
+            planner.asked_at(request.header.stamp_ns);
+            reason
+        }
+        Err(reason) => reason,
     }
 }
 

@@ -28,6 +28,7 @@ mod missions;
 mod motor_table;
 mod motors;
 mod obstacles;
+mod orders;
 mod planar;
 mod python_runs;
 mod replay;

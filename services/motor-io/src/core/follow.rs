@@ -30,15 +30,26 @@ impl Core {
         }
     }
 
-    /// Begins the offered motion if a controller already follows it.
+    /// Begins the offered motion if a controller already follows it. It begins paused if the robot was told to hold
+    /// after the motion was asked for: planning takes time, and the two arrive in any order.
     fn start(&mut self, input: &MotorInput) {
         let chosen = self.chosen_in_charge().filter(|chosen| chosen.segment == input.motion_segment);
         self.safety.clear_stops(MotorAuthority::FAULT_OFF_START);
-        if let Some(chosen) = chosen
+        if !self.motion.is_offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s) {
+            return;
+        }
+        let asked_before = |request_ns: u64| input.motion_asked_ns != 0 && input.motion_asked_ns <= request_ns;
+        if asked_before(self.ended_ns) {
+            // The planner received its request after that other one, whose epoch it is planned for.
+            self.safety.start_epoch();
+        } else if asked_before(self.held_ns) {
+            if self.begins_here(input) {
+                self.motion.begin(input);
+            }
+        } else if let Some(chosen) = chosen
             && self.who_is_lost() == 0
             && self.odometry.position() == MotorState::POSITION_KNOWN
             && !self.unit_trouble
-            && self.motion.is_offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
             && self.begins_here(input)
         {
             self.motion.begin(input);

@@ -105,6 +105,10 @@ pub struct Core {
     answers: ArrayVec<Answer, REQUESTS>,
     /// When the newest request to stop was made, ns.
     pub(crate) stopped_ns: u64,
+    /// When the newest request to hold was made that no resume has followed, ns; 0: none.
+    pub(crate) held_ns: u64,
+    /// When the newest request was made that ended what was asked for before it, ns.
+    pub(crate) ended_ns: u64,
     still: Still,
     /// A unit did not answer in the last exchange.
     unit_trouble: bool,
@@ -195,6 +199,8 @@ impl Core {
             chosen: None,
             answers: ArrayVec::new(),
             stopped_ns: 0,
+            held_ns: 0,
+            ended_ns: 0,
             still: Still::default(),
             unit_trouble: false,
             supervisor: Beat::default(),

@@ -14,6 +14,7 @@ mod jogs;
 mod judge;
 mod jumps;
 mod modes;
+mod orders;
 mod peers;
 mod positions;
 mod properties;

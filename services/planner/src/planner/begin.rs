@@ -78,6 +78,14 @@ impl Planner {
         self.answered(mission, result)
     }
 
+    /// Records when the request of the motion that was planned last was made, ns; 0: when it was planned. motor-io does
+    /// not begin what was asked for before the robot was told to stop or to hold.
+    pub fn asked_at(&mut self, made_ns: u64) {
+        if let Some(flight) = self.flight.as_mut().filter(|_| made_ns != 0) {
+            flight.asked_ns = made_ns.min(flight.accepted_ns);
+        }
+    }
+
     /// Withdraws a motion that was planned and not offered yet, so that the mission before can still be continued;
     /// returns the answer.
     pub fn take_back(&mut self) -> Reason {

@@ -151,3 +151,25 @@ fn a_first_mission_that_never_moves_leaves_no_file() {
     drop(keeper);
     assert_eq!(stored(), begun);
 }
+
+/// A motion states when it was asked for. One that motor-io takes up without beginning it, because of a hold, is paused
+/// and waits for as long as the operator does.
+#[test]
+fn a_motion_states_when_it_was_asked_for_and_waits_for_a_resume_where_it_is_held_from_the_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut world, mut planner) = (World::ready(), Planner::new(config()));
+    let path = messages::GotoPath::Line;
+    let mut goto = Request::Goto { to_m: [4.9, 3.0, 0.4], path, speed_m_s: None }.encode().unwrap();
+    goto.header.stamp_ns = world.seen().now_ns - 700_000_000;
+    let reason = requests::answer(&mut planner, &goto, || true, folder.path(), &world.seen());
+    assert!(matches!(reason, Reason::Planned { .. }), "{reason}");
+    let (motion, status) = planner.step(&world.seen());
+    assert_eq!((motion.asked_ns, status.state), (goto.header.stamp_ns, PlanStatus::STATE_READY));
+    world.authority.motion = motion.motion;
+    for _ in 0..20 {
+        world.pass(1.0);
+        assert_eq!(planner.step(&world.seen()).1.state, PlanStatus::STATE_PAUSED);
+    }
+    world.follow(&motion, 4.0);
+    assert_eq!(planner.step(&world.seen()).1.state, PlanStatus::STATE_RUNNING);
+}

@@ -261,6 +261,7 @@ fn an_adaptive_leg_waits_for_its_map_and_continues_after_an_interruption() {
     let new = block(now_ns + 1);
     let (motion, status) = planner.step(&Inputs { map: Some(&new), ..world.seen() });
     assert_eq!((motion.motion, planner.wants_map()), (first.motion + 1, None));
+    assert_eq!(motion.asked_ns, first.asked_ns, "it is of the same request");
     assert_eq!((status.leg, status.legs, status.state), (2, 3, PlanStatus::STATE_READY));
     let coarse_s = first.end_s - first.current.start_s;
     assert!(status.progress >= waiting.progress && (status.elapsed_s - coarse_s).abs() < 1e-9, "{status:?}");

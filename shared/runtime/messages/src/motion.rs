@@ -55,6 +55,8 @@ message! {
         pad0: [u8; 4],
         /// Beat of the planner: increases with every sample.
         beat: u64,
+        /// When the motion was asked for, ns.
+        asked_ns: u64,
     }
 }
 

@@ -243,6 +243,8 @@ message! {
         motion_start_m: [f64; 3],
         /// Life for which plan/motion was made.
         motion_life: u64,
+        /// When the offered motion was asked for, ns; 0: unknown.
+        motion_asked_ns: u64,
         /// Life of the last estimate of each slot.
         estimate_life: [u64; SLOTS],
         /// Last beat received of the supervisor.

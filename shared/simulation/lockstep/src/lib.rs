@@ -242,6 +242,7 @@ impl Lockstep {
         let last = if next.id != 0 { next } else { current };
         input.motion = self.motion.motion;
         input.motion_life = self.motion.header.life;
+        input.motion_asked_ns = self.motion.asked_ns;
         input.mission = self.motion.mission;
         input.motion_epoch = self.motion.epoch;
         input.motion_segment = current.id;
