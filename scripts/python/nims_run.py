@@ -13,16 +13,22 @@
 Samples of nims have a fixed size, so they are not decoded one by one: the message index of each chunk locates the
 samples of a channel, and they are copied at once. Messages of the visualization process are read too: their texts become
 bytes, their lists arrays. Needs `numpy`, `mcap` and `zstandard`.
+
+Every chunk of a file contains nearly every channel, so what costs time is a pass over the file, which uncompresses all
+chunks: about a quarter of a second for each million samples. `read` and `pieces` take one pass for any number of channels;
+`run[name]` for one channel after the other takes two, and a temporary file (see there).
 """
 
+import functools
 import itertools
+import mmap
 import os
 import re
+import shutil
 import struct
-import threading
+import tempfile
 import warnings
 from collections import OrderedDict, deque
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -50,12 +56,14 @@ RECOVERED = "-recovered"
 # Names that a recorder or a recovery gives, without their ending.
 RUN_FILE = re.compile(r"run(-\d+)?(-recovered)?")
 FIELD = re.compile(r"^([A-Za-z][\w/]*)(?:\[(\d*)\])?\s+([a-z]\w*)$")
-# Uncompressed chunks that are kept, bytes: the channels of a short run are usually read one after the other.
+# Chunks of a pass are kept uncompressed if they are not longer, bytes: the channels of a short run are usually read one
+# after the other. Of a longer pass, none would be left for the next one.
 CACHE_BYTES = 64 * 2**20
-# Chunks that are read and uncompressed ahead, beside the copying.
-AHEAD = 3
 # Position of the record's length before a message's times; bytes of the record beside the data.
 LENGTH_AT, LENGTH_HEAD = 8 + 2 + 4 + 8 + 8, 2 + 4 + 8 + 8 + CDR_HEAD
+# Largest block in which a column is written, bytes, and most pieces in it; all columns together wait with 64 such blocks at
+# most. The kernel takes half as long for blocks that begin at multiples of their size as for the pieces of each chunk.
+BLOCK_BYTES, BLOCK_PIECES = 2**20, 256
 CONSTANT = re.compile(r"^(\w+)\s+([A-Z][A-Z0-9_]*)\s*=\s*(-?\d+)$")
 
 
@@ -88,6 +96,7 @@ class Definition:
             raise RunError("a definition with texts or lists has no type without a sample")
         self._body = None if self.is_fixed else bytes(body)
         self.dtype, _, _ = self._struct(own, 0, record=True)
+        self.record = np.dtype([("log_time_ns", "<u8"), ("sample", self.dtype)])
 
     def _struct(self, text, at, record=False):
         """The type of a struct placed at or after `at`, where it begins, and where it ends."""
@@ -179,7 +188,7 @@ class Run:
             )
         self._descriptors, self._summaries, self.definitions, self.counts = [], [], {}, {}
         self._numbers, self._cache, self._cached_bytes = [], OrderedDict(), 0
-        self._lock = threading.Lock()
+        self._was_asked, self._columns = False, None
         for file in self.files:
             with file.open("rb") as stream:
                 try:
@@ -250,8 +259,44 @@ class Run:
             raise RunError(f"no channel `{name}` in this run; there are {', '.join(self.channels)}") from None
 
     def __getitem__(self, name):
-        """All samples of a channel in the order of their recording: a structured array; `log_time_ns` (UNIX time) comes first."""
-        return self.read(name)[name]
+        """All samples of a channel in the order of their recording: a structured array; `log_time_ns` (UNIX time) comes first.
+
+        The first channel takes a pass. If the run does not fit into the cache, the second one takes a longer pass that also
+        copies the other channels to a temporary file, from which they are mapped into memory without a further pass. The file
+        has no name, and ends with the run and its arrays. It takes up to a quarter of the memory's size and half of the free
+        space in `TMPDIR` (default: /var/tmp, because /tmp may be in memory). A channel takes a pass of its own each time if it
+        has no place there, or has texts or lists.
+        """
+        self._schema(name)
+        if self._was_asked and self._columns is None:
+            uncompressed = sum(chunk.uncompressed_size for summary in self._summaries for chunk in summary.chunk_indexes)
+            self._columns = self._stored_columns() if uncompressed > CACHE_BYTES else {}
+        self._was_asked = True
+        return _ordered(self._columns[name].samples()) if self._columns and name in self._columns else self.read(name)[name]
+
+    def _stored_columns(self):
+        """Channels of fixed size as columns of a temporary file, the smallest ones first; none if one cannot be read."""
+        fixed = [name for name in self.channels if self.counts[name] and not has_texts_or_lists(self._schema(name).data.decode())]
+        definitions = {name: self.definition(name) for name in fixed}
+        columns, end, block = {}, 0, BLOCK_BYTES >> (len(fixed) // 64).bit_length()
+        try:
+            file = tempfile.TemporaryFile(dir=os.environ.get("TMPDIR", "/var/tmp"))
+            memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+            most = min(memory // 4, shutil.disk_usage(file.fileno()).free // 2)
+            for name in sorted(fixed, key=lambda name: self.counts[name] * definitions[name].record.itemsize):
+                column = _Column(file, end, definitions[name].record, self.counts[name], block)
+                if column.end <= most:
+                    columns[name], end = column, column.end
+            if end and hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, end)
+            for name, piece in self._pieces(list(columns), definitions, None, None, None):
+                columns[name].append(piece)
+            for column in columns.values():
+                column.write()
+        except Exception:
+            # The pass of each channel on its own raises what concerns it.
+            return {}
+        return {name: column for name, column in columns.items() if column.filled}
 
     def read(self, *names, begin_s=None, end_s=None):
         """Samples of these channels (default: of all) from `begin_s` until before `end_s`, as a dictionary of arrays.
@@ -268,7 +313,7 @@ class Run:
                 definitions[name] = self.definition(name)
                 if definitions[name].is_fixed:
                     # The system gives an array its memory where it is first written to.
-                    whole[name] = np.empty(self.counts[name], _record(definitions[name]))
+                    whole[name] = np.empty(self.counts[name], definitions[name].record)
         lists = {name: [] for name in names if name not in whole}
         for name, piece in self._pieces(names, definitions, begin_s, end_s, left_out):
             if name in whole:
@@ -302,7 +347,7 @@ class Run:
         """Joins the pieces of a channel that has texts or lists, or no samples."""
         if pieces:
             return _joined(pieces)
-        return np.zeros(0, _record(self.definition(name)))
+        return np.zeros(0, self.definition(name).record)
 
     def _pieces(self, names, definitions, begin_s, end_s, left_out):
         """For each chunk and each channel in it: the records of its samples, without those that a file repeats. Channels whose
@@ -328,10 +373,10 @@ class Run:
                     except RunError as problem:
                         _leave_out(name, problem, left_out)
                         continue
-                    keep = past[name].are_new(_keys(chunk, entries)) if past else np.ones(len(piece), bool)
+                    keep = past[name].are_new(_keys(chunk, entries)) if past else True
                     if begin_ns or end_ns:
                         keep &= (entries["log_time"] >= (begin_ns or 0)) & (entries["log_time"] < (end_ns or 2**63))
-                    yield name, piece if keep.all() else piece[keep]
+                    yield name, piece if np.all(keep) else piece[keep]
 
     def _ends(self, file, names):
         """Where the chunks begin that hold the last samples of these channels in a file: those that a later file may repeat."""
@@ -355,43 +400,33 @@ class Run:
             for chunk in self._summaries[file].chunk_indexes
             if wanted(chunk) and not numbers.keys().isdisjoint(chunk.message_index_offsets)
         ]
-        with ThreadPoolExecutor(1) as others:
-            coming = deque()
-            try:
-                for place, chunk in enumerate(chunks):
-                    for later in chunks[place + len(coming) : place + AHEAD]:
-                        coming.append(others.submit(self._chunk, file, later))
-                    raw, index = coming.popleft().result()
-                    entries_of = {}
-                    for number, offset in sorted(chunk.message_index_offsets.items(), key=lambda item: item[1]):
-                        if number in numbers:
-                            at = offset - chunk.chunk_start_offset - chunk.chunk_length
-                            entries = _index(index, at)
-                            if not len(entries):
-                                continue
-                            known = entries_of.get(numbers[number])
-                            entries_of[numbers[number]] = entries if known is None else np.concatenate((known, entries))
-                    yield raw, entries_of
-            finally:
-                for waiting in coming:
-                    waiting.cancel()
+        keep = sum(chunk.uncompressed_size for chunk in chunks) <= CACHE_BYTES
+        for chunk in chunks:
+            raw, index = self._chunk(file, chunk, keep)
+            entries_of = {}
+            for number, offset in sorted(chunk.message_index_offsets.items(), key=lambda item: item[1]):
+                if number in numbers:
+                    entries = _index(index, offset - chunk.chunk_start_offset - chunk.chunk_length)
+                    if not len(entries):
+                        continue
+                    known = entries_of.get(numbers[number])
+                    entries_of[numbers[number]] = entries if known is None else np.concatenate((known, entries))
+            yield raw, entries_of
 
-    def _chunk(self, file, chunk):
-        """The uncompressed records of a chunk, and the index behind it."""
+    def _chunk(self, file, chunk, keep):
+        """The uncompressed records of a chunk, and the index behind it; kept for the next pass if so wanted."""
         key = (file, chunk.chunk_start_offset)
-        with self._lock:
-            if key in self._cache:
-                self._cache.move_to_end(key)
-                return self._cache[key]
+        if key in self._cache:
+            self._cache.move_to_end(key)
+            return self._cache[key]
         length = chunk.chunk_length + chunk.message_index_length
         stored = os.pread(self._descriptors[file], length, chunk.chunk_start_offset)
         if len(stored) < length:
             raise RunError(f"{self.files[file]} ends within a chunk: `nims recover {self.files[file]}` restores it")
         ready = _uncompressed(stored, chunk), stored[chunk.chunk_length :]
-        with self._lock:
-            if key not in self._cache:
-                self._cache[key] = ready
-                self._cached_bytes += len(ready[0])
+        if keep:
+            self._cache[key] = ready
+            self._cached_bytes += len(ready[0])
             while self._cached_bytes > CACHE_BYTES and len(self._cache) > 1:
                 _, (oldest, _) = self._cache.popitem(last=False)
                 self._cached_bytes -= len(oldest)
@@ -450,11 +485,10 @@ def _joined(parts, places=None):
 
 def _groups(definition, raw, begins):
     """Groups of samples whose texts and lists have the same lengths, with their indices."""
-    rest = np.arange(len(begins))
     if definition.is_fixed:
-        yield definition, rest
+        yield definition, slice(None)
         return
-    sizes = _body_bytes(raw, begins)
+    rest, sizes = np.arange(len(begins)), _body_bytes(raw, begins)
     while len(rest):
         first = rest[0]
         alike = Definition(definition.text, raw[begins[first] : begins[first] + sizes[first]])
@@ -471,6 +505,7 @@ def _body_bytes(raw, begins):
     return words.copy().view("<u8")[:, 0].astype(np.int64) - LENGTH_HEAD
 
 
+@functools.lru_cache(maxsize=1024)
 def _flat(record):
     """The type of a record with the sample's fields beside its time."""
     sample, at = record["sample"], record.fields["sample"][1]
@@ -483,6 +518,44 @@ def _flat(record):
         "offsets": [0, *(at + sample.fields[field][1] for field in sample.names)],
         "itemsize": record.itemsize,
     })
+
+
+class _Column:
+    """The samples of a channel in a temporary file, from a border of pages on; written in blocks."""
+
+    def __init__(self, file, begin, record, most, block):
+        self.file, self.begin, self.record, self.most, self.block = file, begin, record, most, block
+        self.end = begin + -(-most * record.itemsize // mmap.ALLOCATIONGRANULARITY) * mmap.ALLOCATIONGRANULARITY
+        self.filled, self._written, self._waiting = 0, begin, []
+
+    def append(self, piece):
+        self.filled += len(piece)
+        if self.filled > self.most:
+            raise RunError("there are more samples than the file counts")
+        self._waiting.append(piece.view(np.uint8))
+        end = self.begin + self.filled * self.record.itemsize
+        if end // self.block > self._written // self.block:
+            self.write(end % self.block)
+        elif len(self._waiting) == BLOCK_PIECES:
+            self.write()
+
+    def write(self, beyond=0):
+        """Writes what waits, except the last bytes, which are beyond the border of a block."""
+        if not self._waiting:
+            return
+        last = self._waiting.pop()
+        here, later = np.split(last, [len(last) - beyond])
+        self._waiting.append(here)
+        length = sum(map(len, self._waiting))
+        if os.pwritev(self.file.fileno(), self._waiting, self._written) < length:
+            raise OSError("no space left")
+        self._written += length
+        self._waiting = [later]
+
+    def samples(self):
+        """An array on a map of its own: what is written to it does not get into the file."""
+        stored = mmap.mmap(self.file.fileno(), self.filled * self.record.itemsize, access=mmap.ACCESS_COPY, offset=self.begin)
+        return np.frombuffer(stored, self.record)
 
 
 class _Past:
@@ -503,10 +576,6 @@ class _Past:
             self.looked += len(first)
         self.last.extend(keys[new][-REPEATS:].tolist())
         return new
-
-
-def _record(definition):
-    return np.dtype([("log_time_ns", "<u8"), ("sample", definition.dtype)])
 
 
 def _shortened(samples, count):
@@ -551,12 +620,12 @@ def _records(definition, raw, entries, what):
     begins = _begins(entries)
     pieces, places = [], []
     for alike, which in _groups(definition, raw, begins):
-        size = alike.dtype.itemsize
-        if len(which) and begins[which].max() + size > len(raw):
+        size, at = alike.dtype.itemsize, begins[which]
+        if len(at) and at.max() + size > len(raw):
             raise RunError(f"{what} are shorter than their definition")
-        record = _record(alike)
+        record = alike.record
         # The bytes before a sample get the time.
-        piece = _cut(raw, begins[which] - (record.itemsize - size), record.itemsize).view(record)
+        piece = _cut(raw, at - (record.itemsize - size), record.itemsize).view(record)
         piece["log_time_ns"] = entries["log_time"][which]
         pieces.append(piece), places.append(which)
     return pieces[0] if len(pieces) == 1 else _joined(pieces, places)
