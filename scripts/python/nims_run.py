@@ -61,8 +61,8 @@ FIELD = re.compile(r"^([A-Za-z][\w/]*)(?:\[(\d*)\])?\s+([a-z]\w*)$")
 CACHE_BYTES = 64 * 2**20
 # Position of the record's length before a message's times; bytes of the record beside the data.
 LENGTH_AT, LENGTH_HEAD = 8 + 2 + 4 + 8 + 8, 2 + 4 + 8 + 8 + CDR_HEAD
-# Largest block in which a column is written, bytes, and most pieces in it; all columns together wait with 64 such blocks at
-# most. The kernel takes half as long for blocks that begin at multiples of their size as for the pieces of each chunk.
+# Largest block in which a column of a temporary file is written, bytes, and most pieces in it; 64 of the largest blocks
+# wait at most. The kernel takes half as long for blocks that begin at multiples of their size as for small pieces.
 BLOCK_BYTES, BLOCK_PIECES = 2**20, 256
 CONSTANT = re.compile(r"^(\w+)\s+([A-Z][A-Z0-9_]*)\s*=\s*(-?\d+)$")
 
@@ -239,7 +239,7 @@ class Run:
 
     def definition(self, name):
         """The definition of this channel's samples."""
-        text = self._schema(name).data.decode()
+        text = self._text(name)
         if not has_texts_or_lists(text):
             return Definition(text)
         for file in range(len(self.files)):
@@ -252,22 +252,22 @@ class Run:
         """The names of a field's values, e.g. `{0: "MODE_DISARMED", ..}`."""
         return self.definition(name).constants.get(field, {})
 
-    def _schema(self, name):
+    def _text(self, name):
         try:
-            return self.definitions[name]
+            return self.definitions[name].data.decode()
         except KeyError:
             raise RunError(f"no channel `{name}` in this run; there are {', '.join(self.channels)}") from None
 
     def __getitem__(self, name):
         """All samples of a channel in the order of their recording: a structured array; `log_time_ns` (UNIX time) comes first.
 
-        The first channel takes a pass. If the run does not fit into the cache, the second one takes a longer pass that also
-        copies the other channels to a temporary file, from which they are mapped into memory without a further pass. The file
-        has no name, and ends with the run and its arrays. It takes up to a quarter of the memory's size and half of the free
-        space in `TMPDIR` (default: /var/tmp, because /tmp may be in memory). A channel takes a pass of its own each time if it
-        has no place there, or has texts or lists.
+        The first channel takes a pass. For the second one, a run that does not fit into the cache takes a longer pass, which
+        copies all channels to a temporary file; from then on they are mapped into memory from there, without a pass. The file
+        has no name and ends with the run and its arrays. It gets up to a quarter of the memory's size and half of the free
+        space of `TMPDIR` (default: /var/tmp, because /tmp may be in memory). A channel that has no place in it, or has texts
+        or lists, takes a pass of its own each time.
         """
-        self._schema(name)
+        self._text(name)
         if self._was_asked and self._columns is None:
             uncompressed = sum(chunk.uncompressed_size for summary in self._summaries for chunk in summary.chunk_indexes)
             self._columns = self._stored_columns() if uncompressed > CACHE_BYTES else {}
@@ -276,25 +276,31 @@ class Run:
 
     def _stored_columns(self):
         """Channels of fixed size as columns of a temporary file, the smallest ones first; none if one cannot be read."""
-        fixed = [name for name in self.channels if self.counts[name] and not has_texts_or_lists(self._schema(name).data.decode())]
-        definitions = {name: self.definition(name) for name in fixed}
-        columns, end, block = {}, 0, BLOCK_BYTES >> (len(fixed) // 64).bit_length()
+        columns, end, folder = {}, 0, os.environ.get("TMPDIR") or "/var/tmp"
         try:
-            file = tempfile.TemporaryFile(dir=os.environ.get("TMPDIR", "/var/tmp"))
-            memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-            most = min(memory // 4, shutil.disk_usage(file.fileno()).free // 2)
+            descriptor, path = tempfile.mkstemp(dir=folder)
+        except OSError:
+            return {}
+        os.unlink(path)
+        self._descriptors.append(descriptor)
+        most = min(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 4, shutil.disk_usage(folder).free // 2)
+        try:
+            fixed = [name for name in self.channels if self.counts[name] and not has_texts_or_lists(self._text(name))]
+            definitions = {name: self.definition(name) for name in fixed}
+            block = BLOCK_BYTES >> (len(fixed) // 64).bit_length()
             for name in sorted(fixed, key=lambda name: self.counts[name] * definitions[name].record.itemsize):
-                column = _Column(file, end, definitions[name].record, self.counts[name], block)
+                column = _Column(descriptor, end, definitions[name].record, self.counts[name], block)
                 if column.end <= most:
                     columns[name], end = column, column.end
             if end and hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(file.fileno(), 0, end)
+                os.posix_fallocate(descriptor, 0, end)
             for name, piece in self._pieces(list(columns), definitions, None, None, None):
                 columns[name].append(piece)
             for column in columns.values():
                 column.write()
         except Exception:
             # The pass of each channel on its own raises what concerns it.
+            os.ftruncate(descriptor, 0)
             return {}
         return {name: column for name, column in columns.items() if column.filled}
 
@@ -308,7 +314,7 @@ class Run:
         names = names or self.channels
         definitions, whole, filled = {}, {}, dict.fromkeys(names, 0)
         for name in names:
-            self._schema(name)
+            self._text(name)
             if self.counts[name]:
                 definitions[name] = self.definition(name)
                 if definitions[name].is_fixed:
@@ -376,7 +382,7 @@ class Run:
                     keep = past[name].are_new(_keys(chunk, entries)) if past else True
                     if begin_ns or end_ns:
                         keep &= (entries["log_time"] >= (begin_ns or 0)) & (entries["log_time"] < (end_ns or 2**63))
-                    yield name, piece if np.all(keep) else piece[keep]
+                    yield name, piece if keep is True or keep.all() else piece[keep]
 
     def _ends(self, file, names):
         """Where the chunks begin that hold the last samples of these channels in a file: those that a later file may repeat."""
@@ -401,8 +407,10 @@ class Run:
             if wanted(chunk) and not numbers.keys().isdisjoint(chunk.message_index_offsets)
         ]
         keep = sum(chunk.uncompressed_size for chunk in chunks) <= CACHE_BYTES
+        # Memory of its own for each chunk costs a tenth of a pass.
+        space = None if keep else np.empty(max(chunk.uncompressed_size for chunk in chunks), np.uint8)
         for chunk in chunks:
-            raw, index = self._chunk(file, chunk, keep)
+            raw, index = self._chunk(file, chunk, space)
             entries_of = {}
             for number, offset in sorted(chunk.message_index_offsets.items(), key=lambda item: item[1]):
                 if number in numbers:
@@ -413,8 +421,8 @@ class Run:
                     entries_of[numbers[number]] = entries if known is None else np.concatenate((known, entries))
             yield raw, entries_of
 
-    def _chunk(self, file, chunk, keep):
-        """The uncompressed records of a chunk, and the index behind it; kept for the next pass if so wanted."""
+    def _chunk(self, file, chunk, space):
+        """The uncompressed records of a chunk, and the index behind it: in this space, or else kept for the next pass."""
         key = (file, chunk.chunk_start_offset)
         if key in self._cache:
             self._cache.move_to_end(key)
@@ -423,8 +431,10 @@ class Run:
         stored = os.pread(self._descriptors[file], length, chunk.chunk_start_offset)
         if len(stored) < length:
             raise RunError(f"{self.files[file]} ends within a chunk: `nims recover {self.files[file]}` restores it")
-        ready = _uncompressed(stored, chunk), stored[chunk.chunk_length :]
-        if keep:
+        ready = _uncompressed(stored, chunk, space), stored[chunk.chunk_length :]
+        if len(ready[0]) < chunk.uncompressed_size:
+            raise RunError(f"{self.files[file]} has a chunk that is cut off: `nims recover {self.files[file]}` restores the others")
+        if space is None:
             self._cache[key] = ready
             self._cached_bytes += len(ready[0])
             while self._cached_bytes > CACHE_BYTES and len(self._cache) > 1:
@@ -523,8 +533,8 @@ def _flat(record):
 class _Column:
     """The samples of a channel in a temporary file, from a border of pages on; written in blocks."""
 
-    def __init__(self, file, begin, record, most, block):
-        self.file, self.begin, self.record, self.most, self.block = file, begin, record, most, block
+    def __init__(self, descriptor, begin, record, most, block):
+        self.descriptor, self.begin, self.record, self.most, self.block = descriptor, begin, record, most, block
         self.end = begin + -(-most * record.itemsize // mmap.ALLOCATIONGRANULARITY) * mmap.ALLOCATIONGRANULARITY
         self.filled, self._written, self._waiting = 0, begin, []
 
@@ -547,14 +557,14 @@ class _Column:
         here, later = np.split(last, [len(last) - beyond])
         self._waiting.append(here)
         length = sum(map(len, self._waiting))
-        if os.pwritev(self.file.fileno(), self._waiting, self._written) < length:
+        if os.pwritev(self.descriptor, self._waiting, self._written) < length:
             raise OSError("no space left")
         self._written += length
         self._waiting = [later]
 
     def samples(self):
         """An array on a map of its own: what is written to it does not get into the file."""
-        stored = mmap.mmap(self.file.fileno(), self.filled * self.record.itemsize, access=mmap.ACCESS_COPY, offset=self.begin)
+        stored = mmap.mmap(self.descriptor, self.filled * self.record.itemsize, access=mmap.ACCESS_COPY, offset=self.begin)
         return np.frombuffer(stored, self.record)
 
 
@@ -631,7 +641,7 @@ def _records(definition, raw, entries, what):
     return pieces[0] if len(pieces) == 1 else _joined(pieces, places)
 
 
-def _uncompressed(stored, chunk):
+def _uncompressed(stored, chunk, space):
     # opcode, length, start time, end time, uncompressed size, CRC, name of the compression
     at = 1 + 8 + 8 + 8 + 8 + 4
     at += 4 + struct.unpack_from("<I", stored, at)[0]
@@ -640,7 +650,9 @@ def _uncompressed(stored, chunk):
     if chunk.compression == "zstd":
         import zstandard
 
-        body = zstandard.ZstdDecompressor().decompress(body, max_output_size=chunk.uncompressed_size)
+        space = np.empty(chunk.uncompressed_size, np.uint8) if space is None else space[: chunk.uncompressed_size]
+        with zstandard.ZstdDecompressor().stream_reader(body) as reader:
+            return space[: reader.readinto(space)]
     elif chunk.compression == "lz4":
         import lz4.frame
 

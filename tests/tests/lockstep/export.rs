@@ -129,6 +129,8 @@ fn three_formats_hold_what_independent_readers_find_in_three_files() {
     assert!(said.contains("samples on 7 channels agree"), "{said}");
     let said = says("check_reader.py", &[&recorded]);
     assert!(said.starts_with("2 repeated; 361 samples on 7 channels agree"), "{said}");
+    let said = says("check_columns.py", &[&recorded]);
+    assert_eq!(said.lines().filter(|line| line.ends_with(" of 7 channels agree")).count(), 3, "{said}");
 }
 
 #[test]
