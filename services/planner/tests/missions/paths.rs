@@ -51,7 +51,8 @@ fn the_flown_parabola_has_the_least_loss() {
     for (what, parts) in [("free", parts()), ("tauter", tauter)] {
         let config = config_of(parts);
         let (robot, method) = (&config.robot, config.distribution);
-        let cost_j = |path: &Path| flight::flown(robot, method, path, &limits, Some(0.02), 64).map(|cost| cost.energy_j);
+        let cost_j =
+            |path: &Path| flight::flown(robot, method, path, &limits, Some(0.02), 64).map(|cost| cost.energy_j);
         let scan = (0..=600).map(|i| f64::from(i) * 2e-3).filter_map(|mu| Some((cost_j(&shape(mu)).ok()?, mu)));
         let (least_j, at) = scan.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
         let text = mission("[[leg]]\nparabola = { to_m = [6.0, 2.5, 2.0] }");
