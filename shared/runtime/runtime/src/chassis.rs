@@ -295,8 +295,8 @@ impl Chassis {
         waiter.wait_until(Some(deadline_ns.map_or(due, |deadline| deadline.min(due))))
     }
 
-    /// Publishes log events and, if it is or will soon be due, the heartbeat; takes a few microseconds. Loops with their
-    /// own pacing call it once per pass, in their idle time. Returns whether no log event is left.
+    /// Publishes log events and, if it is due or will be soon, the heartbeat; takes a few microseconds. Loops with
+    /// their own pacing call it once per pass, in their idle time. Returns whether no log event is left.
     ///
     /// # Errors
     /// Those of publishing.
