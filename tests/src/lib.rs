@@ -1,6 +1,7 @@
 //! Tests across crates and processes.
 #![forbid(unsafe_code)]
 
+pub mod drift;
 pub mod golden;
 pub mod laws;
 pub mod python;

@@ -4,7 +4,10 @@
 
 use crate::robot::{FOUR_CABLES, GOAL, Robot, THREE_CABLES, program, steadily};
 use bus::clock;
+use cable_robot::CableVec;
+use config::SystemFile;
 use messages::{MotorAuthority, RecorderStatus, Request, TruthNode};
+use nims_tests::drift::drift_m;
 use rustix::process::Signal;
 use serde_json::Value;
 use std::path::Path;
@@ -80,7 +83,7 @@ fn next_start_is_clean(robot: &Robot) {
 
 /// Checks by the run file the time after the controller or the estimator was killed without a standby: a commanded stop
 /// within so many cycles, no longer travel than that takes, no drift, taut cables.
-fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
+fn stopped_in_time(run: &Path, body: &cable_robot::Robot, killed_ns: u64, drift_s: f64) {
     let after = |stamp_ns: u64| stamp_ns > killed_ns;
     let cycles: Vec<MotorAuthority> =
         runlog::read_channel(run, "motor/authority").unwrap().into_iter().map(|(_, sample)| sample).collect();
@@ -119,13 +122,11 @@ fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
         .fold(0.0, |most: f64, sample| most.max(far(&start.position_m, &sample.position_m)));
     assert!(travel <= bound, "{travel} m, allowed {bound} m at {speed} m/s");
 
-    // The node swings on its cables, so the drift is that of its mean position over a second.
-    let held: Vec<_> = later.iter().filter(|sample| sample.header.stamp_ns > still_ns).collect();
-    let mean = |some: &[&TruthNode]| {
-        [0, 1, 2].map(|i| some.iter().map(|sample| sample.position_m[i]).sum::<f64>() / some.len() as f64)
-    };
-    assert!(held.len() as f64 > 80.0 * drift_s, "{} samples of {drift_s} s", held.len());
-    let drift = far(&mean(&held[..100]), &mean(&held[held.len() - 100..]));
+    let held = later.iter().filter(|sample| sample.header.stamp_ns > still_ns);
+    let lengths: Vec<_> =
+        held.map(|sample| CableVec::from_array8(&sample.length_m, usize::from(sample.cable_count))).collect();
+    assert!(lengths.len() as f64 > 80.0 * drift_s, "{} samples of {drift_s} s", lengths.len());
+    let drift = drift_m(body, &lengths).unwrap();
     assert!(drift <= 0.02 * drift_s / 60.0, "{drift} m of drift in {drift_s} s");
     let least = later
         .iter()
@@ -248,7 +249,8 @@ fn stops_on_the_path(file: &'static str, name: &str, cause: u32) {
         assert!(robot.printed().lines().any(reported), "{}", robot.printed());
         assert_eq!(robot.down(Signal::INT), Some(1), "nims up exits with success although {name} ended");
         files_are_closed(&robot.run());
-        stopped_in_time(&robot.run(), killed_ns, drift_s);
+        let body = SystemFile::load(&robot.system_file()).unwrap().robot_file().unwrap().robot().unwrap();
+        stopped_in_time(&robot.run(), &body, killed_ns, drift_s);
         next_start_is_clean(&robot);
     });
 }

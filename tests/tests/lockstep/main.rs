@@ -8,6 +8,7 @@ mod calibrated_worlds;
 mod calibrations;
 mod choices;
 mod drawn;
+mod drift;
 mod drums;
 mod energy;
 mod export;
