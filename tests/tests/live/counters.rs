@@ -130,9 +130,11 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
         assert!(late.answer > 0, "{late:?}");
         // A series of lost periods keeps the cause of its first one. If the computer is short of time in exactly that
         // period, the series does not name the drives, and the drive is silenced again. An answer that was under way is
-        // cut short, which is a resynchronisation.
+        // cut short, which is a resynchronisation. After a silence of about half of the watchdog's time its driver has
+        // to stop it, and it is lost.
         let silenced = (0..3).any(|_| {
-            let silent = row(&mut robot, "a drive that is silent for 0.2 s", |robot| robot.fault("silence 1 for 0.2"));
+            let silent =
+                row(&mut robot, "a drive that is silent for 0.12 s", |robot| robot.fault("silence 1 for 0.12"));
             assert!(silent.drive + silent.resync + silent.computer >= 10, "{silent:?}");
             silent.drive + silent.resync >= 10
         });
