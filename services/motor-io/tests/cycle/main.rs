@@ -18,6 +18,7 @@ mod orders;
 mod peers;
 mod positions;
 mod properties;
+mod returns;
 mod rig;
 mod soft;
 mod starved;
