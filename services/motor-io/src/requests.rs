@@ -23,8 +23,8 @@ fn brings_to_rest(request: &Request) -> bool {
 }
 
 /// Whether a request moves the robot, or permits motion: such a request is refused if the robot was told to stop after
-/// it was made, in whichever order the two arrive. `goto` and `run` are for the planner; their motion states when it was
-/// asked for, see [`Core::record_order`].
+/// it was made, in whichever order the two arrive. `goto` and `run` are for the planner; their motion states when it
+/// was asked for, see [`Core::record_order`].
 fn may_move(request: &Request) -> bool {
     matches!(request, Request::Arm | Request::Reset | Request::Resume | Request::Jog { .. } | Request::Soft)
 }

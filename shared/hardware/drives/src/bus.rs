@@ -103,8 +103,8 @@ impl Capabilities {
 /// * **Spare time.** Where no cycle leaves time for readings that change slowly, they are taken all the same, rarely.
 /// * **Restarts.** A unit that restarted has lost its counts and its watchdog. The bus detects this, counts it in
 ///   [`UnitReport::reboots`](crate::UnitReport::reboots), and continues the counts from where they were.
-/// * **Interlock.** A unit that was lost or restarted, or stood because it was not heard, is [`Error::Interlocked`] until
-///   one command that does not move it was accepted.
+/// * **Interlock.** A unit that was lost or restarted, or stood because it was not heard, is [`Error::Interlocked`]
+///   until one command that does not move it was accepted.
 /// * **Inline.** A bus that [can run inline](DriveBus::can_run_inline) and was told to does not wait beyond the
 ///   deadline of a call, but for up to 10 ms where the whole machine stood still during it. It neither opens nor closes
 ///   its device, and does nothing else that a broken device can block. A later call continues to wait for an answer
