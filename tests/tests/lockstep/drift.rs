@@ -9,7 +9,7 @@ const CASE: Case = Case { robot: "lab3", mission: "polyline", motor_s: [0.03, 0.
 /// Duration, s, and what `tests/live/processes.rs` allows in it, m.
 const DRIFT_S: f64 = 2.0;
 const ALLOWED_M: f64 = 0.02 * DRIFT_S / 60.0;
-/// Cycles after which motor-io resets no loop of a drive any more, in which the node sinks by a quarter of a millimetre.
+/// Cycles after which motor-io resets no loop of a drive any more; by a reset the node sinks a quarter of a millimetre.
 const SETTLED: u32 = 400;
 /// Velocity of a push, m/s: the node swings by as much as after a stop.
 const PUSH_M_S: f64 = 0.06;
