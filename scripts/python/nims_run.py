@@ -318,8 +318,8 @@ class Run:
             if self.counts[name]:
                 definitions[name] = self.definition(name)
                 if definitions[name].is_fixed:
-                    # The system gives an array its memory where it is first written to. Bytes are copied several times as
-                    # fast as fields.
+                    # The system gives an array its memory where it is first written to. Bytes are copied several times
+                    # as fast as fields.
                     whole[name] = np.empty(self.counts[name], np.dtype((np.void, definitions[name].record.itemsize)))
         lists = {name: [] for name in names if name not in whole}
         for name, piece in self._pieces(names, definitions, begin_s, end_s, left_out):
