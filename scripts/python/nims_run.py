@@ -27,6 +27,7 @@ import re
 import shutil
 import struct
 import tempfile
+import threading
 import warnings
 from collections import OrderedDict, deque
 from pathlib import Path
@@ -188,6 +189,7 @@ class Run:
             )
         self._descriptors, self._summaries, self.definitions, self.counts = [], [], {}, {}
         self._numbers, self._cache, self._cached_bytes = [], OrderedDict(), 0
+        self._lock = threading.Lock()  # for programs that read a run in several threads
         self._was_asked, self._columns = False, None
         for file in self.files:
             with file.open("rb") as stream:
@@ -425,9 +427,10 @@ class Run:
     def _chunk(self, file, chunk, space):
         """The uncompressed records of a chunk, and the index behind it: in this space, or else kept for the next pass."""
         key = (file, chunk.chunk_start_offset)
-        if key in self._cache:
-            self._cache.move_to_end(key)
-            return self._cache[key]
+        with self._lock:
+            if key in self._cache:
+                self._cache.move_to_end(key)
+                return self._cache[key]
         length = chunk.chunk_length + chunk.message_index_length
         stored = os.pread(self._descriptors[file], length, chunk.chunk_start_offset)
         if len(stored) < length:
@@ -435,9 +438,10 @@ class Run:
         ready = _uncompressed(stored, chunk, space), stored[chunk.chunk_length :]
         if len(ready[0]) < chunk.uncompressed_size:
             raise RunError(f"{self.files[file]} has a chunk that is cut off: `nims recover {self.files[file]}` restores the others")
-        if space is None:
-            self._cache[key] = ready
-            self._cached_bytes += len(ready[0])
+        with self._lock:
+            if space is None and key not in self._cache:
+                self._cache[key] = ready
+                self._cached_bytes += len(ready[0])
             while self._cached_bytes > CACHE_BYTES and len(self._cache) > 1:
                 _, (oldest, _) = self._cache.popitem(last=False)
                 self._cached_bytes -= len(oldest)
