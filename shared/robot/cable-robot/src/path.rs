@@ -173,8 +173,8 @@ impl Path {
         Walk { path: self, slopes }
     }
 
-    /// Spreads samples over the path, two or more: rising arc lengths from the start to the end, m, and curvatures there,
-    /// 1/m. Those of a parabola are closest together where it turns fastest, and its sharpest point is one of them.
+    /// Spreads samples over the path, two or more: rising arc lengths from the start to the end, m, and the curvature
+    /// at each, 1/m. Those of a parabola are closest where it turns fastest, and its sharpest point is one of them.
     pub(crate) fn sample(&self, arc_lengths_m: &mut [f64], curvatures: &mut [f64]) {
         if let Self::Parabola(parabola) = self {
             return parabola.sample(arc_lengths_m, curvatures);

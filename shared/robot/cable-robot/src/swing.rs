@@ -7,8 +7,8 @@ use crate::motion::ACCELERATION_EXCESS;
 use crate::profile::{slope, speed_between};
 use crate::{Distribution, Path, Profile, Robot, tension};
 
-/// Samples of a path at which a shaped profile is compared with the limit of the acceleration: as many as those by which
-/// it was planned.
+/// Samples of a path at which a shaped profile is compared with the limit of the acceleration: as many as those by
+/// which it was planned.
 const SAMPLES: usize = 512;
 
 /// Returns the profile, shaped where its accelerations would make the node swing by more than the limit, m.
