@@ -49,19 +49,20 @@ impl Core {
             Ok(request) => self.carry_out(input, &request),
             Err(error) => Err(Reason::Undecodable { why: detail(error) }),
         };
-        self.record_order(body, outcome.is_ok(), made_ns.min(input.begin_ns), epoch);
+        self.record_order(body, &outcome, made_ns.min(input.begin_ns), epoch);
         let (Ok(reason) | Err(reason)) = outcome;
         Answer { id, verb: body.verb, reason }
     }
 
     /// Records a request after which no motion begins that was asked for before `made_ns`. `epoch`: that before it.
-    fn record_order(&mut self, body: &RequestBody, accepted: bool, made_ns: u64, epoch: u32) {
+    fn record_order(&mut self, body: &RequestBody, outcome: &Outcome, made_ns: u64, epoch: u32) {
         let suspends = matches!(body.verb, RequestBody::VERB_HOLD | RequestBody::VERB_PAUSE);
         if self.safety.epoch() != epoch || (body.is_stop() && !suspends) {
             self.ended_ns = self.ended_ns.max(made_ns);
-        } else if suspends && accepted {
+        } else if suspends && outcome.is_ok() {
             self.held_ns = self.held_ns.max(made_ns);
-        } else if body.verb == RequestBody::VERB_RESUME && accepted {
+        } else if body.verb == RequestBody::VERB_RESUME && matches!(outcome, Ok(_) | Err(Reason::NothingPaused)) {
+            // Also for a motion that is still to come, as after the map that a mission waits for.
             self.held_ns = 0;
         }
     }

@@ -120,6 +120,8 @@ pub struct Watch {
     /// Factor for the speed of the motion.
     ease: f64,
     late: u32,
+    /// Consecutive cycles in which this process was too late for each unit.
+    late_unit: [u32; UNITS],
     /// Cycles in a row in which estimates could not be judged.
     unjudged: u32,
     current_a: [f64; CABLES],
@@ -149,6 +151,7 @@ impl Watch {
             smooth_m_s: [0.0; CABLES],
             ease: 1.0,
             late: 0,
+            late_unit: [0; UNITS],
             unjudged: 0,
             current_a: [0.0; CABLES],
             current_age: [u32::MAX; CABLES],
@@ -173,6 +176,7 @@ impl Watch {
         for (unit, back) in back.iter_mut().enumerate().take(config.unit_count) {
             let was_lost = self.is_lost(config, unit);
             let late = input.unit[unit] == MotorInput::UNIT_LATE;
+            count(&mut self.late_unit[unit], late);
             match input.unit[unit] {
                 MotorInput::UNIT_OK => {
                     *back = was_lost;
@@ -360,6 +364,12 @@ impl Watch {
     #[must_use]
     pub fn late(&self) -> u32 {
         self.late
+    }
+
+    /// Consecutive cycles in which it was too late for one and the same unit, the largest of all units.
+    #[must_use]
+    pub fn late_for_a_unit(&self) -> u32 {
+        self.late_unit.iter().copied().max().unwrap_or(0)
     }
 
     /// Last current of a motor, A.

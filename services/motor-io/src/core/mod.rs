@@ -388,8 +388,8 @@ impl Core {
         if !self.is_at_rest() {
             if gap_s > self.config.watchdog_s {
                 self.restart_from_rest(gap_s > LONGEST_GAP_S);
-            } else if self.watch.late() >= self.config.cycles(self.config.watchdog_s) {
-                // Cycles began in time, and a port took none of their commands.
+            } else if self.watch.late_for_a_unit() >= self.config.cycles(self.config.watchdog_s) {
+                // Cycles began in time, and a unit took none of their commands.
                 self.restart_from_rest(true);
             }
         }

@@ -213,6 +213,23 @@ fn drives_that_got_no_command_for_their_watchdogs_time_stay_at_rest_until_a_resu
     }
 }
 
+/// Each unit got a command in every second cycle, so that none stands: the robot stops on its path.
+#[test]
+fn drives_that_are_late_in_turn_are_not_stopped_at_once() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    let mut before_m_s = rig::speed(&rig);
+    for cycle in 0..200 {
+        rig.unit[cycle % 2] = MotorInput::UNIT_LATE;
+        rig.unit[1 - cycle % 2] = MotorInput::UNIT_OK;
+        rig.step();
+        rig.estimate_valid = false;
+        let now_m_s = rig::speed(&rig);
+        assert!(now_m_s >= before_m_s - 0.01, "cycle {cycle}: {before_m_s} m/s, then {now_m_s} m/s");
+        before_m_s = now_m_s;
+    }
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_LONG_GAP));
+}
+
 /// A port whose driver does not return looks like this too: nothing is known of its units, nor of a stop button there.
 #[test]
 fn a_port_that_does_not_return_ends_a_jog_and_becomes_a_fault() {

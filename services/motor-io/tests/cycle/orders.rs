@@ -92,6 +92,27 @@ fn a_motion_that_was_asked_for_before_a_stop_never_begins_after_it() {
     }
 }
 
+/// A mission that waits for its map, or for its plan, goes on by itself if the hold was taken back meanwhile.
+#[test]
+fn a_resume_before_the_motion_arrives_takes_the_hold_back() {
+    for resumed in [false, true] {
+        let mut rig = ready();
+        let asked_ns = rig.now_ns;
+        rig.steps(5);
+        rig.demand(Request::Hold);
+        rig.steps(5);
+        if resumed {
+            // Its answer is that nothing is paused.
+            assert!(rig.inbox.request_made(9, &Request::Resume.body(), rig.now_ns));
+        }
+        rig.steps(5);
+        rig.offer(1000.0);
+        rig.motion.asked_ns = asked_ns;
+        rig.steps(60);
+        assert_eq!(rig.mode() == A::MODE_FOLLOWING, resumed);
+    }
+}
+
 /// A planner that was slow has its request from before, and the epoch of now.
 #[test]
 fn a_motion_that_was_asked_for_before_an_emergency_stop_or_a_new_position_never_begins() {
