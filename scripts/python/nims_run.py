@@ -190,7 +190,8 @@ class Run:
         self._descriptors, self._summaries, self.definitions, self.counts = [], [], {}, {}
         self._numbers, self._cache, self._cached_bytes = [], OrderedDict(), 0
         self._lock = threading.Lock()  # for programs that read a run in several threads
-        self._was_asked, self._columns = False, None
+        self._storing = threading.Lock()
+        self._first, self._columns = None, None
         for file in self.files:
             with file.open("rb") as stream:
                 try:
@@ -270,11 +271,14 @@ class Run:
         or lists, takes a pass of its own each time.
         """
         self._text(name)
-        if self._was_asked and self._columns is None:
-            uncompressed = sum(chunk.uncompressed_size for summary in self._summaries for chunk in summary.chunk_indexes)
-            self._columns = self._stored_columns() if uncompressed > CACHE_BYTES else {}
-        self._was_asked = True
-        return _ordered(self._columns[name].samples()) if self._columns and name in self._columns else self.read(name)[name]
+        with self._storing:
+            if self._columns is None and self._first not in (None, name):
+                chunks = [chunk for summary in self._summaries for chunk in summary.chunk_indexes]
+                is_long = sum(chunk.uncompressed_size for chunk in chunks) > CACHE_BYTES
+                self._columns = self._stored_columns() if is_long else {}
+            self._first = self._first or name
+        column = (self._columns or {}).get(name)
+        return _ordered(column.samples()) if column else self.read(name)[name]
 
     def _stored_columns(self):
         """Channels of fixed size as columns of a temporary file, the smallest ones first; none if one cannot be read."""
@@ -300,9 +304,12 @@ class Run:
                 columns[name].append(piece)
             for column in columns.values():
                 column.write()
-        except Exception:
+        except BaseException as problem:
+            self._descriptors.remove(descriptor)
+            os.close(descriptor)
             # The pass of each channel on its own raises what concerns it.
-            os.ftruncate(descriptor, 0)
+            if not isinstance(problem, Exception):
+                raise
             return {}
         return {name: column for name, column in columns.items() if column.filled}
 
