@@ -300,8 +300,10 @@ impl<'a> Builder<'a> {
                 return Ok(shape(steady));
             }
         }
-        let best = flight::best_flown_parabola(robot, method, &from, &to, &limits, price_w).map_err(none)?.mu_per_m;
-        // The check of the plan uses other points, which may lie closer.
+        let step_m = self.config.check_step_m;
+        let best =
+            flight::best_flown_parabola(robot, method, &from, &to, &limits, step_m, price_w).map_err(none)?.mu_per_m;
+        // A profile that the plan slows down has other points.
         Ok(shape(best * self.share(leg, |share| shape(share * best), speed_m_s)?))
     }
 

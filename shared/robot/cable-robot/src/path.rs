@@ -174,7 +174,8 @@ impl Path {
     }
 
     /// Spreads samples over the path, two or more: rising arc lengths from the start to the end, m, and the curvature
-    /// at each, 1/m. Those of a parabola are closest where it turns fastest, and its sharpest point is one of them.
+    /// at each, 1/m. Those of a parabola are closest where it turns fastest, and its sharpest point is one of them, or
+    /// counts at the end beside it.
     pub(crate) fn sample(&self, arc_lengths_m: &mut [f64], curvatures: &mut [f64]) {
         if let Self::Parabola(parabola) = self {
             return parabola.sample(arc_lengths_m, curvatures);

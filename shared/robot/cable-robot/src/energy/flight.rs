@@ -35,9 +35,6 @@ const OBSTACLE_STEP_M: f64 = 0.05;
 /// Simpson intervals for the result and for the scan: 32 have an error of 5e-5 with the default motor.
 const INTERVALS: [usize; 2] = [32, 16];
 
-/// Step of the check of a whole segment, m: a sagitta of 0.3 mm on a curve with a radius of 1 m.
-const FLOWN_CHECK_M: f64 = 0.05;
-
 /// Computes the parabola with the least motor loss at a constant speed, m/s, with a weight on time. It is fast enough
 /// to be planned while the robot moves. Rejects ends inside a box or below the ground.
 pub fn best_parabola(
@@ -83,20 +80,22 @@ pub fn best_lateral(
 }
 
 /// Computes the parabola with the least motor loss from rest to rest with the accelerations of `limits`. Considers only
-/// parabolas that pass the check of a whole segment: tensions under acceleration, lengths, speeds, ground and boxes.
+/// parabolas that pass the check of a whole segment, at points at most `check_step_m` apart: tensions under acceleration,
+/// lengths, speeds, ground and boxes.
 pub fn best_flown_parabola(
     robot: &Robot,
     method: Distribution,
     from: &Vector3<f64>,
     to: &Vector3<f64>,
     limits: &ProfileLimits,
+    check_step_m: f64,
     time_weight_w: f64,
 ) -> Result<Best, EnergyError> {
     best(from, to, &bounds(robot, time_weight_w), |shape, precision| {
         parabola::check(shape)?;
         let (check_step_m, intervals) = match precision {
             Precision::Coarse => (None, INTERVALS[1]),
-            Precision::Fine => (Some(FLOWN_CHECK_M), INTERVALS[0]),
+            Precision::Fine => (Some(check_step_m), INTERVALS[0]),
         };
         flown(robot, method, &parabola_or_line(shape), limits, check_step_m, intervals)
     })

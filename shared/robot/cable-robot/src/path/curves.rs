@@ -93,14 +93,16 @@ impl Parabola {
     pub(super) fn sample(&self, arc_lengths_m: &mut [f64], curvatures: &mut [f64]) {
         let (start, bend, end) = (self.zeta(), 2.0 * self.mu_per_m, self.extent());
         let last = arc_lengths_m.len() - 1;
-        let sharpest = (-start / (bend * end) * last as f64).round();
+        let vertex = -start / bend;
+        let sharpest = if vertex > 0.0 && vertex < end { (vertex / end * last as f64).round() } else { f64::NAN };
         let (from, nearly_straight) = (arc(start), self.is_nearly_straight());
         for (i, (s, curvature)) in arc_lengths_m.iter_mut().zip(curvatures).enumerate() {
-            let is_sharpest = i as f64 == sharpest && (1..last).contains(&i);
-            let x = if is_sharpest { -start / bend } else { end * (i as f64 / last as f64) };
+            let is_sharpest = i as f64 == sharpest;
+            let x = if is_sharpest && (1..last).contains(&i) { vertex } else { end * (i as f64 / last as f64) };
             let w = start + bend * x;
             *s = if nearly_straight { self.arc_length(x) } else { (arc(w) - from) / bend };
-            let stretch = 1.0 + w * w;
+            // An end stays where it is, and counts for a sharper point beside it.
+            let stretch = if is_sharpest { 1.0 } else { 1.0 + w * w };
             *curvature = bend.abs() / (stretch * stretch.sqrt());
         }
     }

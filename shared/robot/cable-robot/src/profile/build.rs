@@ -111,7 +111,7 @@ impl Samples {
         let mut between = [0.0; SAMPLES];
         path.sample(&mut samples.s[..=last], &mut at[..=last]);
         samples.s[last] = length;
-        // The curvature of a parabola rises up to its sharpest point, which is a sample, and falls beyond: between two
+        // The curvature of a parabola rises up to its sharpest point, which a sample has, and falls beyond: between two
         // samples it is never above both.
         if !is_parabola {
             between = std::array::from_fn(|i| path.curvature(0.5 * (samples.s[i] + samples.s[(i + 1).min(last)])));
