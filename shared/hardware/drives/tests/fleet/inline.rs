@@ -30,6 +30,8 @@ struct Script {
     loses: AtomicBool,
     /// Exchanges and settles do not return.
     hangs: AtomicBool,
+    /// What follows the exchange that finds the device gone does not return.
+    closing_hangs: AtomicBool,
     /// What is left after a settle, so many times.
     unsettled: AtomicU64,
     counts: AtomicU64,
@@ -89,6 +91,7 @@ impl DriveBus for Scripted {
         self.script.hang();
         let port = Arc::clone(&self.port);
         let outcome = if self.script.loses.swap(false, Ordering::SeqCst) {
+            self.script.hangs.store(self.script.closing_hangs.load(Ordering::SeqCst), Ordering::SeqCst);
             self.script.unsettled.store(3, Ordering::SeqCst);
             Err(Error::Serial(serial::Error::Missing { port }))
         } else if self.script.leaves.swap(false, Ordering::SeqCst) {
@@ -238,6 +241,7 @@ fn a_device_that_is_gone_stays_lost_while_its_thread_closes_it() {
         let (bus, script) = scripted("a", can_run_inline);
         let mut fleet = Fleet::open(vec![bus], Capabilities::NONE).unwrap();
         until_in_use(&mut fleet);
+        script.closing_hangs.store(true, Ordering::SeqCst);
         script.loses.store(true, Ordering::SeqCst);
         assert!(cycle(&mut fleet).0.is_err_and(|error| error.is_lost()));
         let seen = while_it_hangs(&mut fleet, &script, || ());
@@ -249,10 +253,12 @@ fn a_device_that_is_gone_stays_lost_while_its_thread_closes_it() {
 /// The port's thread does not return from the system, and cannot say that its device is gone.
 #[test]
 fn a_port_that_hangs_is_lost_once_its_device_is_gone() {
-    let link = format!("{}/drive-{}", env!("CARGO_TARGET_TMPDIR"), std::process::id());
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("drive");
     std::fs::write(&link, "").unwrap();
-    let (mut bus, script) = scripted(&link, false);
-    bus.clock = ReopeningPort::new(&link, 0).clock();
+    let port = link.to_str().unwrap();
+    let (mut bus, script) = scripted(port, false);
+    bus.clock = ReopeningPort::new(port, 0).clock();
     let mut fleet = Fleet::open(vec![bus], Capabilities::NONE).unwrap();
     until_in_use(&mut fleet);
     let seen = while_it_hangs(&mut fleet, &script, || std::fs::remove_file(&link).unwrap());
