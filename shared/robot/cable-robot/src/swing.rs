@@ -7,9 +7,11 @@ use crate::motion::ACCELERATION_EXCESS;
 use crate::profile::{slope, speed_between};
 use crate::{Distribution, Path, Profile, Robot, tension};
 
-/// Samples of a path at which a shaped profile is compared with the limit of the acceleration: as many as those by
-/// which it was planned.
-const SAMPLES: usize = 512;
+/// Samples of a path at which a shaped profile is compared with the limit of the acceleration. A parabola that is
+/// twenty times as deep as wide has the largest acceleration at most 0.2 % above that of its samples.
+const SAMPLES: usize = 2048;
+/// Share of the limit that leaves room for this.
+const AT_SAMPLES: f64 = 0.998;
 
 /// Returns the profile, shaped where its accelerations would make the node swing by more than the limit, m.
 pub fn shaped(robot: &Robot, distribution: Distribution, path: &Path, profile: Profile, limit_m: f64) -> Profile {
@@ -48,7 +50,7 @@ fn keeps_limit(robot: &Robot, path: &Path, profile: &Profile) -> bool {
     if path.is_straight() {
         return true;
     }
-    let limit_m_s2 = robot.acceleration_limit_m_s2() * ACCELERATION_EXCESS;
+    let limit_m_s2 = robot.acceleration_limit_m_s2() * ACCELERATION_EXCESS * AT_SAMPLES;
     let within = |across_m_s2: f64, along_m_s2: f64| {
         across_m_s2 * across_m_s2 + along_m_s2 * along_m_s2 <= limit_m_s2 * limit_m_s2
     };

@@ -80,8 +80,8 @@ pub fn best_lateral(
 }
 
 /// Computes the parabola with the least motor loss from rest to rest with the accelerations of `limits`. Considers only
-/// parabolas that pass the check of a whole segment, at points at most `check_step_m` apart: tensions under acceleration,
-/// lengths, speeds, ground and boxes.
+/// parabolas that pass the check of a whole segment, at points at most `check_step_m` apart: tensions under
+/// acceleration, lengths, speeds, ground and boxes.
 pub fn best_flown_parabola(
     robot: &Robot,
     method: Distribution,
