@@ -68,6 +68,38 @@ fn the_flown_parabola_has_the_least_loss() {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    /// Where the line is impossible, the best sag is often the least one that is possible, above all if time is dear.
+    #[test]
+    fn a_move_that_a_range_of_sags_permits_is_flown(
+        from in [4.0..6.0f64, 1.5..3.0f64, 1.7..2.1f64], way in [-3.0..-1.0f64, -1.0..1.0f64, -0.1..0.1f64],
+        share in 0.05..0.95f64, time_weight_w in prop_oneof![Just(0.0), Just(1000.0)],
+    ) {
+        let (from, to) = (Vector3::from(from), Vector3::from(from) + Vector3::from(way));
+        let free = config();
+        let peak_n = |mu_per_m: f64| {
+            let path = flight::parabola_or_line(&cable_robot::path::Parabola { from, to, mu_per_m });
+            let profile = cable_robot::Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.3)).unwrap();
+            let segment = Segment { id: 1, path, profile, start_s: 0.0 };
+            segment.check(&free.robot, free.distribution, 0.02).map_or(f64::INFINITY, |report| report.peak_tension_n)
+        };
+        // A limit between the highest tension on the line and the least one of all sags.
+        let deepest = cable_robot::energy::parabola::mu_limit(&from, &to, free.robot.ground_m()).unwrap().unwrap();
+        let peaks: Vec<f64> = (0..=80).map(|i| peak_n(deepest * f64::from(i) / 80.0)).collect();
+        let least_n = peaks.iter().copied().fold(f64::INFINITY, f64::min);
+        prop_assume!(peaks[0].is_finite() && peaks[0] > 1.001 * least_n);
+        let limit_n = least_n + share * (peaks[0] - least_n);
+        let permitted = peaks.windows(3).any(|three| three.iter().all(|peak_n| *peak_n < limit_n));
+        prop_assume!(permitted);
+        let config = config_of(RobotParts { tension_limits_n: [2.0, limit_n], ..parts() });
+        let text = format!("time_weight_w = {time_weight_w:?}\n[[leg]]\nparabola = {{ to_m = [{}, {}, {}] }}", to.x, to.y, to.z);
+        let plan = Plan::new(&mission(&text), &config, from, 0.0, 1);
+        prop_assert!(plan.is_ok(), "{limit_n} N: {}", plan.unwrap_err());
+    }
+}
+
 /// With its accelerations a lateral path costs less than the parabola, which costs less than the line; what is sent is
 /// what was checked.
 #[test]
