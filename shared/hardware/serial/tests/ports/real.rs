@@ -220,16 +220,22 @@ fn what_a_device_leaves_out_does_not_count_against_it() {
     device.join().unwrap();
 }
 
-/// Closing and opening can block, which a caller with other work must not.
-#[test]
-fn an_inline_line_neither_closes_a_lost_device_nor_opens_it_again() {
-    let folder = Folder::new();
+/// A device with the file of its clock, and a line that is open to it.
+fn plugged(folder: &Folder) -> (PtyLink, serial::LeftOutClock, ReopeningPort) {
     let link = folder.0.join("drive0");
     let mut jack = PtyLink::new(&link);
     jack.plug().unwrap();
     let device = serial::LeftOutClock::create(&link).unwrap();
     let mut line = ReopeningPort::new(link.to_str().unwrap(), 230_400);
     line.connection().unwrap();
+    (jack, device, line)
+}
+
+/// Closing and opening can block, which a caller with other work must not.
+#[test]
+fn an_inline_line_neither_closes_a_lost_device_nor_opens_it_again() {
+    let folder = Folder::new();
+    let (mut jack, device, mut line) = plugged(&folder);
     assert!(device.program().is_some());
 
     line.set_inline(true);
@@ -249,12 +255,7 @@ fn an_inline_line_neither_closes_a_lost_device_nor_opens_it_again() {
 #[test]
 fn a_line_with_a_thread_of_its_own_reports_a_loss_before_it_closes_the_device() {
     let folder = Folder::new();
-    let link = folder.0.join("drive0");
-    let mut jack = PtyLink::new(&link);
-    jack.plug().unwrap();
-    let device = serial::LeftOutClock::create(&link).unwrap();
-    let mut line = ReopeningPort::new(link.to_str().unwrap(), 230_400);
-    line.connection().unwrap();
+    let (mut jack, device, mut line) = plugged(&folder);
     jack.unplug();
     assert!(matches!(line.read(&mut [0], soon()), Err(Error::Gone { .. })));
     assert!(line.connection().is_err());
