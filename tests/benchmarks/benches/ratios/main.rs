@@ -11,7 +11,7 @@ mod tension;
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use benchmarks::Report;
 use criterion::Criterion;
 
@@ -32,6 +32,7 @@ fn main() -> Result<()> {
     calibration::run(&mut criterion, &mut report)?;
     chain::run(&mut criterion, &mut report)?;
     criterion.final_summary();
+    ensure!(folder.exists(), "nothing was timed: no benchmark has these words in its name");
     let table = report.table()?;
     let path = folder.join("table.md");
     std::fs::write(&path, &table).with_context(|| format!("{} cannot be written", path.display()))?;
