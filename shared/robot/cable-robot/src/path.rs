@@ -208,14 +208,10 @@ impl Path {
     }
 
     /// Arc length of an inner point with a local maximum of curvature, m, if the path has one.
-    pub fn sharpest_m(&self) -> Option<f64> {
-        match self {
-            Self::Parabola(p) if p.mu_per_m != 0.0 => {
-                let vertex = -p.zeta() / (2.0 * p.mu_per_m);
-                (vertex > 0.0 && vertex < p.extent()).then(|| p.arc_length(vertex))
-            }
-            _ => None,
-        }
+    #[cfg(test)]
+    pub(crate) fn sharpest_m(&self) -> Option<f64> {
+        let Self::Parabola(p) = self else { return None };
+        p.vertex().map(|x| p.arc_length(x))
     }
 
     /// Greatest curvature, 1/m, if it is known without a search.

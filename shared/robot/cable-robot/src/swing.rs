@@ -28,7 +28,7 @@ fn swing_period_s(
     profile: &Profile,
     limit_m: f64,
 ) -> Option<f64> {
-    let steepest_m_s2 = profile.knots().windows(2).map(|pair| slope(pair[0], pair[1]).abs()).fold(0.0, f64::max);
+    let steepest_m_s2 = steepest_m_s2(profile);
     let (mut largest_m, mut weighted, mut weights) = (0.0_f64, 0.0, 0.0);
     for s_m in [0.0, path.length()] {
         let at = path.point(s_m);
@@ -44,6 +44,11 @@ fn swing_period_s(
     (largest_m > limit_m && weights > 0.0).then(|| weighted / weights)
 }
 
+/// Largest tangential acceleration of a profile, m/s².
+fn steepest_m_s2(profile: &Profile) -> f64 {
+    profile.knots().windows(2).map(|pair| slope(pair[0], pair[1]).abs()).fold(0.0, f64::max)
+}
+
 /// On a curved path the copies of a profile reach a bend at other times, and their mean passes it faster than a profile
 /// that slows down there.
 fn keeps_limit(robot: &Robot, path: &Path, profile: &Profile) -> bool {
@@ -54,10 +59,9 @@ fn keeps_limit(robot: &Robot, path: &Path, profile: &Profile) -> bool {
     let within = |across_m_s2: f64, along_m_s2: f64| {
         across_m_s2 * across_m_s2 + along_m_s2 * along_m_s2 <= limit_m_s2 * limit_m_s2
     };
-    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
-    let fastest_m_s = largest(&mut profile.knots().iter().map(|knot| knot.v_m_s));
-    let steepest_m_s2 = largest(&mut profile.knots().windows(2).map(|pair| slope(pair[0], pair[1]).abs()));
-    if path.greatest_curvature().is_some_and(|curvature| within(fastest_m_s * fastest_m_s * curvature, steepest_m_s2)) {
+    let fastest_m_s = profile.knots().iter().map(|knot| knot.v_m_s).fold(0.0, f64::max);
+    let bends_gently = |curvature| within(fastest_m_s * fastest_m_s * curvature, steepest_m_s2(profile));
+    if path.greatest_curvature().is_some_and(bends_gently) {
         return true;
     }
     let (mut arc_lengths_m, mut curvatures) = ([0.0; SAMPLES], [0.0; SAMPLES]);

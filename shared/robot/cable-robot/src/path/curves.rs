@@ -55,19 +55,26 @@ impl Parabola {
     /// Curvature at the point of smallest slope, 1/m.
     pub(super) fn greatest_curvature(&self) -> f64 {
         let (start, end) = (self.zeta(), self.zeta() + 2.0 * self.mu_per_m * self.extent());
-        let slope = if start * end <= 0.0 { 0.0 } else { start.abs().min(end.abs()) };
+        self.curvature_at(if start * end <= 0.0 { 0.0 } else { start.abs().min(end.abs()) })
+    }
+
+    /// Curvature where the path has this slope, 1/m.
+    fn curvature_at(&self, slope: f64) -> f64 {
         let stretch = 1.0 + slope * slope;
         2.0 * self.mu_per_m.abs() / (stretch * stretch.sqrt())
     }
 
+    /// Horizontal distance from the start to the vertex, m, if that is an inner point.
+    pub(super) fn vertex(&self) -> Option<f64> {
+        let x = -self.zeta() / (2.0 * self.mu_per_m);
+        (x > 0.0 && x < self.extent()).then_some(x)
+    }
+
     /// Lowest height of the path, m.
     pub fn lowest_m(&self) -> f64 {
-        let ends = self.from.z.min(self.to.z);
-        let vertex = -self.zeta() / (2.0 * self.mu_per_m);
-        if self.mu_per_m > 0.0 && vertex > 0.0 && vertex < self.extent() {
-            self.from.z - self.mu_per_m * vertex * vertex
-        } else {
-            ends
+        match self.vertex() {
+            Some(x) if self.mu_per_m > 0.0 => self.from.z - self.mu_per_m * x * x,
+            _ => self.from.z.min(self.to.z),
         }
     }
 
@@ -93,17 +100,16 @@ impl Parabola {
     pub(super) fn sample(&self, arc_lengths_m: &mut [f64], curvatures: &mut [f64]) {
         let (start, bend, end) = (self.zeta(), 2.0 * self.mu_per_m, self.extent());
         let last = arc_lengths_m.len() - 1;
-        let vertex = -start / bend;
-        let sharpest = if vertex > 0.0 && vertex < end { (vertex / end * last as f64).round() } else { f64::NAN };
+        let vertex = self.vertex().map(|x| ((x / end * last as f64).round() as usize, x));
         let (from, nearly_straight) = (arc(start), self.is_nearly_straight());
         for (i, (s, curvature)) in arc_lengths_m.iter_mut().zip(curvatures).enumerate() {
-            let is_sharpest = i as f64 == sharpest;
-            let x = if is_sharpest && (1..last).contains(&i) { vertex } else { end * (i as f64 / last as f64) };
+            let sharpest = vertex.filter(|(nearest, _)| *nearest == i);
+            let inner = sharpest.filter(|_| (1..last).contains(&i));
+            let x = inner.map_or(end * (i as f64 / last as f64), |(_, x)| x);
             let w = start + bend * x;
             *s = if nearly_straight { self.arc_length(x) } else { (arc(w) - from) / bend };
             // An end stays where it is, and counts for a sharper point beside it.
-            let stretch = if is_sharpest { 1.0 } else { 1.0 + w * w };
-            *curvature = bend.abs() / (stretch * stretch.sqrt());
+            *curvature = self.curvature_at(if sharpest.is_some() { 0.0 } else { w });
         }
     }
 
